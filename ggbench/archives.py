@@ -119,8 +119,8 @@ def read_arrays(
 def _require_method(member: zipfile.ZipInfo, error: type[GGBenchError], what: str) -> None:
     if member.compress_type not in _METHODS:
         raise error(
-            f"{what} cannot be unpacked: a zip file must be packed by deflate, and method "
-            f"{member.compress_type} packs it"
+            f"{what} cannot be unpacked: its zip compression method is {member.compress_type}; "
+            "only 8 (deflate) and 0 (uncompressed) are allowed"
         )
 
 

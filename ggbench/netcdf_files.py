@@ -120,7 +120,7 @@ def require_own_values(path: Path, error: type[GGBenchError], what: str) -> None
         raise error(f"cannot read {what}: {reason}") from None
     if way:
         raise error(
-            f"{what} takes values from another file, by {way}: copy them into one file, for "
+            f"{what} refers to values in another file ({way}): copy all values into one file, for "
             "example with 'nccopy' or 'h5repack'"
         )
 
@@ -136,7 +136,7 @@ def _way_out(content: mmap.mmap) -> str:
         return ""
     heaps = _addresses(content, b"HEAP", base)
     if len(heaps) > _MOST_HEAPS:
-        return f"one of its {len(heaps)} groups, perhaps"
+        return f"possibly: its {len(heaps)} groups are too many to search"
     for address in heaps:
         for at in _places(content, address, 8):
             # An external file list: version 1, reserved, allocated and used slots, heap.

@@ -178,7 +178,7 @@ def test_a_figure_that_cannot_be_drawn(results, scenario, lazy):
         results.plot_errors(quantity="attitude")
     failed = gg.run(scenario, f"{lazy}[returns_text=true]", runs=1, jobs=0, cases="base")
     assert "must return Estimate, not str" in failed.failures()["reason"][0]
-    with pytest.raises(gg.GGBenchError, match="in run 0 of case base"):
+    with pytest.raises(gg.GGBenchError, match="in case base, run 0: this run failed"):
         failed.plot_errors()
     with pytest.raises(gg.GGBenchError, match="case base uses the normal field"):
         failed.plot_field()
@@ -304,7 +304,7 @@ def test_an_estimator_that_no_worker_could_find(scenario, lazy, tmp_path):
     assert gg.judge(problem, gg.estimate(problem, Own()), truth).position_mrse_m > 0.0
     old = gg.estimator(lazy)
     (tmp_path / "lazy.py").write_text(LAZY + "\nCHANGED = True\n")
-    with pytest.raises(gg.GGBenchError, match="the file has changed"):
+    with pytest.raises(gg.GGBenchError, match="its file has changed"):
         gg.run(scenario, old)
 
 

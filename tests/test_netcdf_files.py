@@ -75,7 +75,7 @@ def test_other_forms_of_the_file_are_searched(way, form, tmp_path):
     if way == "own":
         require_own_values(path, GGBenchError, "It")
         return
-    with pytest.raises(GGBenchError, match=f"It takes values .* by {REASONS[way]}"):
+    with pytest.raises(GGBenchError, match=rf"It refers to values .* \({REASONS[way]}"):
         require_own_values(path, GGBenchError, "It")
 
 
@@ -101,7 +101,7 @@ def damaged_values(path: Path) -> None:
 NO_NETCDF = r"a\.nc cannot be read as a netCDF file: "
 BAD = {
     **{
-        f"values by {way}": (partial(write, way=way), f"takes values from another file, by {said}")
+        f"values by {way}": (partial(write, way=way), rf"refers to values in another file \({said}")
         for way, said in REASONS.items()
     },
     "text": (partial(Path.write_bytes, data=b"no file of any kind\n" * 40), NO_NETCDF),

@@ -46,8 +46,8 @@ except ImportError as error:
 
 if version("dynamax").startswith(("0.", "1.0.0", "1.0.1", "1.0.2")):
     raise ImportError(
-        f"{__name__} needs dynamax 1.0.3 or newer, not {version('dynamax')}, which takes the noise "
-        "and the transition of a step from the epoch before: pip install 'ggbench[dynamax]'"
+        f"{__name__} needs dynamax 1.0.3 or newer, not {version('dynamax')}: pip install "
+        "'ggbench[dynamax]'. Earlier versions use the transition and the noise of a wrong epoch"
     )
 
 jax.config.update("jax_enable_x64", True)

@@ -44,7 +44,7 @@ class MeasurementCallback:
     unit : factor that defines the scales. It multiplies the prior standard deviations of the states
         and the least noise standard deviations of the measurements. If it is None, nothing is
         scaled.
-    problem : current problem. If it is None, the context :meth:`of` sets the current problem.
+    problem : current problem. If it is None, ``with callback.of(problem)`` sets it.
     """
 
     def __init__(self, unit: float | None = 1.0, problem: Problem | None = None) -> None:

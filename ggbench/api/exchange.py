@@ -139,8 +139,8 @@ def judge_estimates(
     for one in stored:
         if (one.problem["scenario"], one.problem["seed"]) != (first["scenario"], first["seed"]):
             raise ExchangeError(
-                f"{estimates} holds estimates of {stored[0]} and of {one}; give one file for each "
-                "problem"
+                f"{estimates} holds estimates of {stored[0]} and of {one}; all must have the same "
+                "scenario and the same seed"
             )
     loaded = load(first["scenario"]) if scenario is None else scenario
     loaded = loaded if isinstance(loaded, Scenario) else load(loaded)
@@ -188,7 +188,10 @@ def require_causal(stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> N
     cut : estimates of the same filter on the problems exported with ``until_s``.
     """
     if any(whole.causality == "batch" for whole in stored):
-        raise ExchangeError("'batch' estimates may use all measurements: remove the cut")
+        raise ExchangeError(
+            "'batch' estimates may use all measurements and are not tested with cut estimates: "
+            "remove --cut (cut=...)"
+        )
     compared = False
     for whole, part, number in _common_runs(stored, cut):
         last = part.times[-1] - (whole.lag or 0.0)
@@ -208,7 +211,10 @@ def require_causal(stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> N
                 f"at {first:g} s"
             )
     if not compared:
-        raise ExchangeError("the cut estimates have no run in common with the whole ones")
+        raise ExchangeError(
+            "the complete and the cut estimates have no common run with common epochs: export "
+            "both problems with the same case and seed"
+        )
 
 
 def _common_runs(

@@ -200,7 +200,8 @@ def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
     If the reference lacks positions or velocities, the results of :func:`judge` that need them are
     NaN.
 
-    A warning reports interpolated samples of the INS and measurements that are read as missing.
+    Warnings state the number of interpolated INS samples, and the number of gradiometer rows of
+    zeros, which count as missing measurements.
 
     Raises
     ------

@@ -221,8 +221,8 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
     spec = EstimatorSpec.changed(name, values, defaults)
     if choose(str(spec)).estimator != estimator:
         raise EstimatorError(
-            f"the text '{spec}' does not give the estimator {estimator!r}: the file has changed "
-            "since it was read, or a parameter is not a plain number or text"
+            f"the estimator {estimator!r} cannot be recreated from '{spec}': its file has changed "
+            "since it was loaded, or a parameter is not a plain number or text"
         )
     return spec
 

@@ -108,7 +108,9 @@ class Worker:
             if ended:
                 raise WorkerDiedError(self._how_it_ended()) from None
         except GarbledError:
-            raise WorkerDiedError("the estimator wrote to the connection for results") from None
+            raise WorkerDiedError(
+                "its process sent invalid results: the estimator wrote to the socket for results"
+            ) from None
         except OSError:
             raise WorkerDiedError(self._how_it_ended()) from None
 

@@ -47,7 +47,7 @@ _HEADINGS = 8
 @click.option(
     "--page",
     type=click.Path(path_type=Path),
-    help="HTML page to write, with map, track and the bounds of other headings.",
+    help="HTML page to write, with map, track and Cramér–Rao bounds of other headings.",
 )
 @click.option("-j", "--jobs", type=click.IntRange(0), help="Worker processes [all processors].")
 def advise(
@@ -61,11 +61,11 @@ def advise(
 ) -> None:
     """Recommend an estimator and an instrument for a SCENARIO.
 
-    SCENARIO is a name or a path. The command runs the INS and the estimators that the
-    standard suite recommends. It prints the fastest recommended filter and the best smoother,
-    each with its position error and computing time. It also prints the error sources that limit
-    the accuracy. With --target it also prints the gradiometer noise that reaches this position
-    error.
+    SCENARIO is a name or a path. The command runs the INS and the estimators that are
+    recommended in the standard suite. It prints the fastest recommended filter and the best
+    smoother, each with its position error and computing time. It also prints the error sources
+    that limit the accuracy. With --target it also prints the largest gradiometer noise whose
+    Cramér–Rao bound meets this position error.
 
     Exit code 1 if a --target is given and no gradiometer reaches it.
     """

@@ -23,7 +23,9 @@ _SHOWN_EPOCHS = 8
 @click.command()
 @click.argument("scenario_name", metavar="SCENARIO")
 @click.option("-c", "--case", metavar="NAME", help="Case [the first].")
-@click.option("--all", "every", is_flag=True, help="Print the settled window of all cases.")
+@click.option(
+    "--all", "every", is_flag=True, help="Print the RMS bound of every case after settled_from_s."
+)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="CSV file to write.")
 @click.option("--figure", type=click.Path(path_type=Path), help="PNG file to draw.")
 def bound(
@@ -87,7 +89,7 @@ def _print_all(loaded: Scenario, output: Path | None) -> None:
 
 def _print(bounds: pd.DataFrame, title: str) -> None:
     """Print the bounds at a few epochs, the first and the last among them."""
-    kinds = ("east", "north", "up", "spherical", "all readings")
+    kinds = ("east", "north", "up", "spherical", "smoother")
     table = ResponsiveTable(
         f"{title}: bound of the position and of the velocity",
         [

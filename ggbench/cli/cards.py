@@ -41,16 +41,16 @@ _EXIT_NOT_REPRODUCED = 1
     type=click.Path(path_type=Path),
     default=Path("results") / "cards",
     show_default=True,
-    help="Folder for the repeated runs; stored runs are reused.",
+    help="Folder for the new runs; runs already in it are reused.",
 )
 @click.option("-j", "--jobs", type=click.IntRange(0), help="Worker processes [all processors].")
 def cards(
     folder: Path, estimators: tuple[str, ...], output: Path, flights: Path, jobs: int | None
 ) -> None:
-    """Repeat the runs of the cards in DIR and write a page of the reproduced cards.
+    """Repeat the runs of the score cards in DIR and write a page of the reproduced cards.
 
     The page shows the numbers of the new runs. Cards of installed estimators are always repeated.
-    Cards of estimator files need -e FILE: a card alone never runs code.
+    A card of a .py file is repeated only if -e gives this file.
 
     Exit code 1 if a card is not reproduced.
     """

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _EXIT_FAILED = 1
 _INDENT = " " * 4
-_SHOWN = {"passed": ("passed", "green"), "failed": ("FAILED", "red"), "refused": ("not asked", "")}
+_SHOWN = {"passed": ("passed", "green"), "failed": ("FAILED", "red"), "refused": ("skipped", "")}
 
 
 @click.command()
@@ -33,11 +33,11 @@ _SHOWN = {"passed": ("passed", "green"), "failed": ("FAILED", "red"), "refused":
     help="Time limit of one check.",
 )
 def check(estimator: str, time_limit: float) -> None:
-    """Check an ESTIMATOR against the contract.
+    """Check an ESTIMATOR: shapes, repeatability, causality, Kalman filter on linear problems.
 
     ESTIMATOR is a .py file or a name, with parameters in []. The command prints each check. For a
-    failed check it prints the error and the reason for the check. It also reports digits lost by
-    rounding.
+    failed check it prints the error and the reason for the check. It also reports
+    whether the estimator amplifies rounding errors.
 
     Exit code 1 if a check failed, 2 if the estimator cannot be created or refuses all problems.
     """
@@ -50,7 +50,7 @@ def check(estimator: str, time_limit: float) -> None:
         _tell(demand, verdict, text)
     passed, failed, refused = (verdicts[verdict] for verdict in _SHOWN)
     if not passed and not failed:
-        raise CheckError(f"{estimator} refuses every problem of the contract")
+        raise CheckError(f"no check was applied: {estimator} refuses all test problems")
     untested = len(CHECKS) - verdicts.total()
     unasked = f", {refused} not applicable" if refused else ""
     untried = f"; {untested} not run, because there is no estimate" if untested else ""

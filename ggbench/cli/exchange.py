@@ -39,7 +39,7 @@ _EXIT_FAILED = 1
     "--until",
     type=click.FloatRange(0.0, min_open=True),
     metavar="SECONDS",
-    help="Omit later epochs, for 'judge --cut': it tests for the use of future measurements.",
+    help="Omit later epochs: 'ggbench judge --cut' then detects the use of future measurements.",
 )
 @click.option(
     "-o",

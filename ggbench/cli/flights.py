@@ -42,10 +42,11 @@ _EXIT_FAILED = 1
     help="Seed of the estimators' random numbers.",
 )
 def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int) -> None:
-    """Estimate a recorded FLIGHT, a TOML file that names its records.
+    """Estimate the track of a recorded flight.
 
-    The command writes corrected tracks with standard deviations (CSV, GPX, KML), and tracks at the
-    rate of the INS. It also writes residuals, and a report with figures (markdown, HTML).
+    FLIGHT is a TOML file with the paths of the records. The command writes corrected tracks with
+    standard deviations: at the epochs (CSV, GPX, KML) and at the INS samples (CSV). It also writes
+    residuals, and a report with figures (markdown, HTML).
     """
     from ..api import problems
     from ..campaign import registry

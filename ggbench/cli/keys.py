@@ -278,7 +278,7 @@ def keys(name: str | None, schema: bool) -> None:
     Without an argument, the command lists all tables. For a table, such as imu, it lists the keys
     with unit, type, default and limits. For a key of a table, such as imu.period_s, it explains
     this key. For a key without a table, such as period_s, it explains the key in every table that
-    has it. Editors use the JSON schema.
+    has it. Text editors can use the JSON schema that --schema prints.
     """
     if schema:
         from ..spec.json_schema import schema_text

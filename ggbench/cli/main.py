@@ -112,7 +112,7 @@ def list_command() -> None:
 
 
 @main.command()
-@click.argument("scenario_name", metavar="SCENARIO", required=False)
+@click.argument("scenario_name", metavar="[SCENARIO]", required=False)
 @click.option(
     "--all",
     "whole_library",
@@ -125,8 +125,8 @@ def list_command() -> None:
     "estimators",
     multiple=True,
     metavar="NAME[param=value,...]",
-    help="A name, a .py file, estimates, exec:PROGRAM or a roster (@core); repeatable [the "
-    "scenario's].",
+    help="A name, a .py file, a file of estimates, exec:PROGRAM or a roster: a named set such as "
+    "@core; repeatable [the scenario's].",
 )
 @click.option(
     "-n", "--runs", type=click.IntRange(1, MOST_RUNS), help="Runs per case [the scenario's]."
@@ -135,7 +135,11 @@ def list_command() -> None:
 @click.option(
     "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case to run; repeatable [all]."
 )
-@click.option("--assumptions", is_flag=True, help="Also study the scenario's assumptions.")
+@click.option(
+    "--assumptions",
+    is_flag=True,
+    help="Also run the changes in the scenario's [[assumption]] tables.",
+)
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), help="Results folder [results/SCENARIO]."
 )
@@ -355,7 +359,8 @@ def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
 def show(folder: Path, number: int | None, case: str | None) -> None:
     """Show the contents of a results FOLDER and one of its runs.
 
-    By default the command chooses the most conspicuous run.
+    By default this is the first failed run. If no run failed, it is the run with the largest error
+    relative to the median.
     """
     from ..results.folder import Results
     from . import run_view
@@ -383,7 +388,7 @@ def show(folder: Path, number: int | None, case: str | None) -> None:
     type=click.Choice(["whole", "settled", "last20"]),
     default="settled",
     show_default=True,
-    help="Averaging window.",
+    help="Averaging window: whole flight, from settled_from_s on, or the last last_s seconds.",
 )
 @click.option(
     "--require-all", is_flag=True, help="Also fail if AFTER lacks an estimator or case of BEFORE."

@@ -24,8 +24,8 @@ _LEAST_SHARE = 1e-4
 @click.option(
     "--height",
     type=float,
-    help="Height of the flights above the ellipsoid, over a draped map above its base [m; the "
-    "lowest].",
+    help="Height of the flights [m] above the ellipsoid, or above the base of a draped map [the "
+    "lowest layer].",
 )
 @click.option("--cell-deg", type=float, default=0.5, show_default=True, help="Side of a cell [°].")
 @click.option(
@@ -48,7 +48,7 @@ _LEAST_SHARE = 1e-4
     type=float,
     default=1.0,
     show_default=True,
-    help="Measurements per km² for the information.",
+    help="Measurements per km² for the Fisher information of a cell.",
 )
 @click.option("--track-km", type=float, help="Track length in a cell [its shorter side].")
 @click.option(
@@ -60,7 +60,8 @@ _LEAST_SHARE = 1e-4
     default=5.0,
     show_default=True,
     help=(
-        "Prior standard deviation of the position, per axis; wrong matches are sought within three."
+        "Prior standard deviation of the position, per axis. The search radius for wrong matches "
+        "is three times this."
     ),
 )
 @click.option("--right-km", type=float, help="Largest error of a correct fix [half of --sigma-km].")

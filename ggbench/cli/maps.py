@@ -90,17 +90,18 @@ map_group.add_command(score)
     "--terrain-from-degree",
     type=_DEGREE,
     metavar="N",
-    help="Highest degree of the other data; the terrain adds shorter wavelengths [the highest "
-    "degree of the coefficients].",
+    help="Highest degree of coefficients or grid; the terrain adds shorter wavelengths [that of "
+    "the coefficients; required with a grid].",
 )
 @click.option(
     "--clearance",
     type=click.FloatRange(0.0, 1e6, min_open=True),
     metavar="M",
     help=(
-        "Planned height above the ground [200]. The lowest layer lies at most this far above the "
-        "highest ground. A note states the share of the area inside the map. With --drape it "
-        "chooses the layers: they hold straight flights through the middle."
+        "Planned height above the ground. The lowest layer lies at most this far above the highest "
+        "ground. A note states the share of the area where such flights are inside the map. With "
+        "--drape it replaces --clearance-from and --clearance-to: the layers contain straight "
+        "terrain-following flights across the centre of the map."
     ),
 )
 @click.option(
@@ -152,8 +153,8 @@ map_group.add_command(score)
 @click.option(
     "--south",
     type=float,
-    help="Bounds [deg]; longitudes from -180 or from 0; across the date line 179 to -179. "
-    "Default: from the data.",
+    help="Bounds [deg]; longitudes -180 to 180 or 0 to 360; across the date line --west 179 --east "
+    "-179. Default: from terrain, grid or lines.",
 )
 @click.option("--north", type=float)
 @click.option("--west", type=float)
@@ -186,7 +187,7 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
       --coefficients MODEL.gfc           global model to its degree N
       --coefficients ... --terrain ...   both: the terrain adds wavelengths beyond degree N
       --geoid | --anomaly | --disturbance GRID [--coefficients ...]
-                                         remove-compute-restore (EGM2008 to degree 120)
+                                         remove-compute-restore [EGM2008 to degree 120]
       --lines SURVEY [--leave-out ...]   point masses fitted to survey lines
     """  # noqa: D301
     from ..gravity.gradient_map import MapError
@@ -296,8 +297,8 @@ def _layers_for(options: dict[str, Any], inputs: Any) -> Any:
         return None
     if _stated_layers(options):
         raise MapError(
-            "--clearance chooses the layers of --drape: remove it, or --clearance-from and "
-            "--clearance-to."
+            "--clearance cannot be given with --clearance-from and --clearance-to: each "
+            "determines the layers of --drape."
         )
     return lambda nodes, zero_level: needed_layers(nodes, terrain, clearance, zero_level)
 
@@ -344,7 +345,11 @@ def _warn_of_densities(options: dict[str, Any]) -> None:
 @click.argument("file", type=_FILE)
 @click.option("-o", "--output", type=_FILE, help="PNG file of the six components.")
 @click.option("--height", type=float, help="Height to draw, to the nearest node [the lowest].")
-@click.option("--clearance", type=float, help="Height to draw above the base of a draped map.")
+@click.option(
+    "--clearance",
+    type=float,
+    help="Layer to draw of a draped map: its height above the base [the lowest].",
+)
 def show(file: Path, output: Path | None, height: float | None, clearance: float | None) -> None:
     """Describe the map in FILE and draw its six components."""
     from ..gravity.gradient_map import MapError

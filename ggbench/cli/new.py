@@ -166,8 +166,8 @@ def scenario(
     name_shown = path.as_posix()
     if track is not None and own_map is None:
         click.echo(
-            "Note: the map of the scenario is a shipped one over the Qinling mountains; build one "
-            "under the track with 'ggbench map build', and state it with --map."
+            "Note: the scenario uses a shipped map of the Qinling mountains. Build a map of the "
+            "area under the track with 'ggbench map build', and give it with --map."
         )
     if remark:
         click.echo(f"{remark}.")
@@ -182,7 +182,10 @@ def estimator(name: str, output: Path) -> None:
     """Write NAME.py, a commented extended Kalman filter."""
     called = "".join(part[:1].upper() + part[1:] for part in re.split("[-_]+", name))
     if keyword.iskeyword(called) or called in _TAKEN:
-        raise NewFileError(f"an estimator '{name}' would be a class {called}: choose another name")
+        raise NewFileError(
+            f"'{name}' is not allowed as a name: {called} is a Python keyword or a class that the "
+            "template uses; choose another name"
+        )
     path = _begun(".py", name, output, Template=called, TITLE=_titled(name))
     name_shown = path.as_posix()
     click.echo(f"Wrote {name_shown}. Check it: ggbench check {name_shown}")

@@ -66,7 +66,7 @@ def plan(
 ) -> None:
     """Rank tracks for the flight of a SCENARIO by their Cramér–Rao bound.
 
-    The flight consists of segments or follows a track. The command moves it to other starts and
+    The flight must consist of segments or follow a track. The command moves it to other starts and
     headings. It ranks all tracks by the bound of the RMS position error. The bound ignores false
     fixes.
 

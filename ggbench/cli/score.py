@@ -30,7 +30,7 @@ _COLOURS = {"better": "green", "worse": "red"}
 
 
 @click.command()
-@click.argument("estimator", metavar="ESTIMATOR", required=False)
+@click.argument("estimator", metavar="[ESTIMATOR]", required=False)
 @click.option("--quick", is_flag=True, help="Fly 20 runs of each case.")
 @click.option(
     "-n", "--runs", type=click.IntRange(2, MOST_RUNS), help="Runs of each case [all stored ones]."
@@ -49,7 +49,7 @@ _COLOURS = {"better": "green", "worse": "red"}
     type=click.Choice(["all", "odd", "even"]),
     default="all",
     show_default=True,
-    help="Runs to judge. Tune on even runs and report odd runs.",
+    help="Runs to judge, by index. To avoid overfitting, tune on even runs and report odd runs.",
 )
 @click.option(
     "--check",
@@ -90,8 +90,8 @@ def score(
     with the suite. With another --seed the command runs the other estimators, too. Without --check
     the command writes card.json, card.md, card.html and card.png.
 
-    A score runs the code of the ESTIMATOR. A card alone never runs code: without an ESTIMATOR,
-    --check repeats cards of installed estimators only.
+    The command runs the code of the ESTIMATOR. With --check it may be omitted if the estimator of
+    the card is installed.
 
     Exit code 1 if a card is not reproduced or is significantly worse than an older one.
     """

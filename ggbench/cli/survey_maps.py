@@ -22,8 +22,8 @@ _OPTIONS = (
         "--column",
         multiple=True,
         metavar="NAME=COLUMN",
-        help="Column of line, kind, time_s, latitude_deg, longitude_deg, height_m or a component, "
-        "optionally with a unit: 'height_m=Alt [ft]'; repeatable.",
+        help="Column of the file, optionally with a unit, for line, kind, time_s, latitude_deg, "
+        "longitude_deg, height_m or a component: 'height_m=Alt [ft]'; repeatable.",
     ),
     click.option(
         "--components", metavar="LIST", help="Components to use, for example xx,xy,xz,yy,yz [all]."
@@ -52,14 +52,14 @@ _OPTIONS = (
         "--leave-out",
         multiple=True,
         metavar="LINES",
-        help="Lines to exclude from map and noise: a name, a pattern such as '*.1', or a kind such "
-        "as repeat; repeatable.",
+        help="Lines to exclude from the map and the noise model: a name, a pattern such as '*.1', "
+        "or a line kind such as repeat; repeatable.",
     ),
     click.option(
         "--depth",
         type=click.FloatRange(0, min_open=True),
-        help="Depth of the point masses below the flights [m]. By default held-back lines "
-        "determine depth, spacing and damping.",
+        help="Depth of the point masses below the flights [m]. By default "
+        "cross-validation over the lines chooses depth, spacing and damping.",
     ),
     click.option(
         "--source-spacing",
@@ -75,7 +75,8 @@ _OPTIONS = (
         "--noise",
         type=_FILE,
         metavar="JSON",
-        help="Also write a model of the coloured noise, fitted to held-back lines.",
+        help="Also write a model of the coloured noise, fitted to the residuals of "
+        "the cross-validation.",
     ),
 )
 _WITH_LINES = (
@@ -166,12 +167,13 @@ def _print_errors(errors: Any, quantity: str) -> None:
     )
     click.echo(f"Standard error of the map and its correlation length: {text}.")
     click.echo(
-        "It excludes the unknown constant of each line, which may be much larger: the mean of "
-        "the residuals is removed."
+        "These standard errors exclude errors that are constant along a line, because the mean "
+        "residual of each line is removed. Such errors may be much larger."
     )
     if not all(math.isfinite(errors[0][k]) for k in columns):
         click.echo(
-            "It is unknown where held-back lines have no larger residuals than lines in the map."
+            "A standard error is not known if the residuals on held-back lines are not larger "
+            "than on fitted lines."
         )
 
 

@@ -186,11 +186,11 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
     Measurements after the middle epoch are shifted by ten standard deviations of the noise. The
     requirements depend on the causality:
 
-    - ``filter`` and ``fixed-lag``: an estimate that must not use shifted measurements may change by
-      less than 1e-12 prior σ. If ``exactly`` is true, the covariance of this estimate must not
-      change at all. If the estimator returns no fixes (:class:`.Fixes`), the first estimate that
-      may use shifted measurements must change. If it returns fixes, those up to the middle epoch
-      must be equal, and at least one estimate or later fix must change.
+    - ``filter`` and ``fixed-lag``: some estimates must not use the shifted measurements. Their
+      means must change by less than 1e-12 prior σ. If ``exactly`` is true, their covariances must
+      not change at all. If the estimator returns no fixes (:class:`.Fixes`), the first estimate
+      that may use shifted measurements must change. If it returns fixes, the shift must not change
+      any fix up to the middle epoch. It must change at least one estimate or one later fix.
     - ``batch``: all estimates up to the middle epoch must change.
     - ``none``: no estimate may change.
     """
@@ -202,12 +202,15 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
     second = answer(estimator, dataclasses.replace(problem, measurements=measurements))
     sigma = np.sqrt(np.diag(problem.prior_cov))
     moved = (np.abs(np.asarray(second.mean) - first.mean) / sigma).max(axis=1)
-    change = f"measurements after epoch {last_same} were changed by {_SHIFT:g} deviations"
+    change = (
+        f"measurements after epoch {last_same} were shifted by {_SHIFT:g} standard deviations "
+        "of their noise"
+    )
     if first.causality == "none":
         if moved.max() != 0.0:
             raise Broken(
                 f"causality is 'none', but when {change} the estimate at epoch {moved.argmax()} "
-                f"moved by {moved.max():.2g} deviations of the prior"
+                f"moved by {moved.max():.2g} prior standard deviations"
             )
         return
     if first.causality == "batch":
@@ -231,8 +234,8 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
         epoch = int(ahead.argmax())
         raise Broken(
             f"it uses later measurements although its causality is '{first.causality}': when "
-            f"{change}, the estimate at epoch {epoch} moved by {moved[epoch]:.2g} deviations of "
-            "the prior"
+            f"{change}, the estimate at epoch {epoch} moved by {moved[epoch]:.2g} prior standard "
+            "deviations"
         )
     if first.fixes is None:
         if moved[~blind][0] <= _MOVED:
@@ -258,11 +261,11 @@ def _require_causal_fixes(
 ) -> None:
     assert first.fixes is not None
     if second.fixes is None:
-        raise Broken("fixes were returned for one problem but not for the next")
+        raise Broken(f"the estimator returned fixes for a problem, but none when {change}")
     before, after = _rows(first.fixes), _rows(second.fixes)
     ones, others = (rows[rows[:, 0] <= last] for rows in (before, after))
     if not np.array_equal(ones, others):
-        raise Broken(f"fixes up to epoch {last} use later measurements: {change}")
+        raise Broken(f"fixes up to epoch {last} use later measurements: they changed when {change}")
     ones, others = (rows[rows[:, 0] > last] for rows in (before, after))
     if moved <= _MOVED and np.array_equal(ones, others):
         raise Broken(f"no estimate and no fix moved when {change}")
@@ -297,14 +300,14 @@ def as_exact(estimator: Estimator, problem: Problem) -> str:
         off, scatter = max(mean_off, cov_off), rounding(estimator, problem, right[1])
         if off < min(_SCATTER * scatter, LOSSY):
             return (
-                f"rounding errors are large: the result is {off:.2g} deviations of the posterior "
-                "from the exact one, and a change of the last digit of the prior moves it by "
-                f"{scatter:.2g}; typical cause: large weights of opposite sign, as of sigma "
-                "points with a small alpha"
+                f"rounding errors are large: the result is {off:.2g} posterior standard "
+                "deviations from the exact one, and a change of the last digit of the prior "
+                f"moves it by {scatter:.2g}; typical cause: large weights of opposite sign, as "
+                "of sigma points with a small alpha"
             )
         if off < NEARLY_EXACT:
             return (
-                f"exact to {off:.2g} deviations of the posterior, not to {EXACT:g}; typical "
+                f"exact to {off:.2g} posterior standard deviations, not to {EXACT:g}; typical "
                 "causes: regularisation, or an iteration that ends early"
             )
         name = {"none": "the propagated prior", "filter": "the Kalman filter"}.get(
@@ -312,7 +315,7 @@ def as_exact(estimator: Estimator, problem: Problem) -> str:
         )
         raise Broken(
             f"the mean differs by up to {mean_off:.2g} and the covariance by {cov_off:.2g} "
-            f"deviations of the posterior from {name}, allowed {NEARLY_EXACT:g}: correct the "
+            f"posterior standard deviations from {name}, allowed {NEARLY_EXACT:g}: correct the "
             "estimator, or declare exact_if_linear_gaussian = False"
         )
     return "no covariance: only the mean is compared" if alone else ""
@@ -352,7 +355,7 @@ def near_exact(estimator: Estimator, problem: Problem) -> None:
     off = float(np.sqrt(np.mean((np.asarray(estimate.mean) - mean) ** 2 / variance)))
     if not off < NEAR:
         raise Broken(
-            f"the mean differs by {off:.2g} deviations of the posterior (RMS) from the exact "
+            f"the mean differs by {off:.2g} posterior standard deviations (RMS) from the exact "
             f"one, allowed {NEAR:g}: a particle filter may need more particles"
         )
     if estimate.cov is None:

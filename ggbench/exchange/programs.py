@@ -81,7 +81,10 @@ class ExternalProgram(BlockEstimator):
             problem_files.write(problem, block, identity)
             self._start(problem, estimates)
             if not estimates.exists():
-                raise ExchangeError(f"{self.path} ended without writing its second argument")
+                raise ExchangeError(
+                    f"{self.path} ended without writing the file of estimates, whose path is its "
+                    "second argument"
+                )
             stored = estimate_files.read(estimates)
         if stored.causality != self.causes:
             raise ExchangeError(

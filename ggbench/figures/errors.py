@@ -103,24 +103,24 @@ def component_errors(
     ``unit`` is the unit of the errors, and ``label`` is the label of the estimator. ``families``
     has the family of each estimator.
     """
-    claims = bool(np.isfinite(aided[:, 6:12]).any())
+    bounded = bool(np.isfinite(aided[:, 6:12]).any())
     colour = line_styles(families)[label].color
     figure, axes = subplots(3, 2, figsize=(8.0, 6.0), sharex=True)
     for axis in range(3):
         error, sigma = aided[:, first + axis], aided[:, 6 + first + axis]
         left, right = axes[axis]
         if ins is not None:
-            left.plot(times, ins[:, first + axis], color=INS, lw=1.5, label="pure INS")
+            left.plot(times, ins[:, first + axis], color=INS, lw=1.5, label="INS")
         left.plot(times, error, color=colour, lw=1.2, label=label)
         left.set_ylabel(f"{AXES[axis]} [{unit}]")
-        if claims:
+        if bounded:
             right.fill_between(times, -3 * sigma, 3 * sigma, color=colour, alpha=0.15, label="±3σ")
         right.plot(times, error, color=colour, lw=1.2, label=label)
         limit = 1.05 * np.percentile(np.fmax(3 * sigma, np.abs(error)), 98)
         if limit > 0.0:
             right.set_ylim(-limit, limit)
-    claim = "aided, with its ±3σ" if claims else "aided, without covariance"
-    for axis, title in zip(axes[0], ("with the pure INS", claim), strict=True):
+    aided_title = "aided, with ±3σ" if bounded else "aided, without covariance"
+    for axis, title in zip(axes[0], ("INS and aided", aided_title), strict=True):
         axis.set_title(title)
         axis.legend()
     for axis in axes[-1]:

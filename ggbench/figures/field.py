@@ -65,8 +65,12 @@ def gradient_along_track(arrays: Mapping[str, np.ndarray], title: str) -> Drawin
     if filtered is not None:
         middle, passed = axes[1], arrays["filtered_true"]
         top.plot(times, filtered, color="tab:blue", lw=1.2, label="filtered")
-        middle.plot(times, passed - true, color="tab:blue", lw=1.2, label="what the filter delays")
-        bottom.plot(times, filtered - passed, color="tab:blue", lw=1.2, label="behind the filter")
+        middle.plot(
+            times, passed - true, color="tab:blue", lw=1.2, label="delay error of the filter"
+        )
+        bottom.plot(
+            times, filtered - passed, color="tab:blue", lw=1.2, label="noise after the filter"
+        )
         middle.set_ylabel("difference [E]")
         middle.legend()
     top.plot(times, true, "k--", lw=0.8, label="true")

@@ -54,7 +54,7 @@ def planned_bound(bounds: pd.DataFrame, field: Field, title: str) -> Drawing:
             color=BOUND,
             lw=1.0,
             ls="--",
-            label="spherical, all readings",
+            label="spherical, smoother",
         )
         axis.set_ylabel(f"{name} [{unit_shown}]")
         axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

@@ -80,8 +80,9 @@ def component_errors(results: Results, case: str, label: str, quantity: Quantity
     aided = results.detail(case, label, DETAILED_RUN)
     if aided is None:
         raise ResultsError(
-            f"{results.folder} has no errors of {label} in run {DETAILED_RUN} of case {case}, "
-            "the run that is stored in detail: it failed or was not run"
+            f"{results.folder} has no error history of {label} in case {case}, run "
+            f"{DETAILED_RUN}: this run failed or does not exist. Only run {DETAILED_RUN} is stored "
+            "in detail"
         )
     ins = results.detail(case, "ins", DETAILED_RUN)
     first, unit = _COLUMNS[quantity]

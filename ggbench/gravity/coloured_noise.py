@@ -316,7 +316,7 @@ def _numbers(key: str, values: Any) -> np.ndarray:
     try:
         return np.array(values, dtype=float)
     except (ValueError, TypeError):
-        raise ColouredNoiseError(f"{key} must be numbers, as many in every row") from None
+        raise ColouredNoiseError(f"{key} must be numbers, in rows of equal length") from None
 
 
 def _is_covariance(cov: np.ndarray) -> bool:

@@ -311,10 +311,11 @@ class _Series:
             factor *= k * (half / (n + 1))
         else:
             raise TerrainError(
-                f"Parker's series has an error of {remainder:.2g} E after {_MOST_ORDERS} orders at "
-                f"the lowest height, {self._lowest_level - self._highest:.3g} m above the "
-                f"highest ground of {self._name}; at most {CONVERGED:g} E is allowed, which "
-                f"needs about {_CLEARANCE_PER_HALF_RELIEF * half:.3g} m."
+                f"Parker's series has an error of {remainder:.2g} E after {_MOST_ORDERS} orders; "
+                f"at most {CONVERGED:g} E is allowed. Raise the lowest height from "
+                f"{self._lowest_level - self._highest:.3g} m to about "
+                f"{_CLEARANCE_PER_HALF_RELIEF * half:.3g} m above the highest ground of "
+                f"{self._name}."
             )
         self.orders = n
 

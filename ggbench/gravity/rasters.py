@@ -166,7 +166,9 @@ def _is_geosoft(path: Path) -> bool:
 def _from_dataset(dataset: Any, path: Path, area: Area | None, units: Units) -> Grid:
     name, crs, transform = path.name, dataset.crs, dataset.transform
     if dataset.count != 1:
-        raise TerrainError(f"{name} has {dataset.count} bands; one, of {units.what}, is allowed.")
+        raise TerrainError(
+            f"{name} has {dataset.count} bands; exactly one band, with {units.what}, is allowed."
+        )
     check_size(name, dataset.shape)
     if transform.is_identity:
         raise TerrainError(f"{name} is not georeferenced; add coordinates.")
@@ -255,8 +257,9 @@ def _from_projected(
     shape = (int((north - south) / latitude_step) + 1, int((east - west) / longitude_step) + 1)
     if not (south < north and west < east and min(shape) >= FEWEST_NODES):
         raise TerrainError(
-            f"{path.name} is projected and contains no box of latitudes and longitudes: warp it "
-            "to EPSG:4326 with gdalwarp."
+            f"{path.name} is in a projection, and no latitude-longitude grid of at least "
+            f"{FEWEST_NODES} x {FEWEST_NODES} nodes fits inside it: warp it to EPSG:4326 with "
+            "gdalwarp."
         )
     check_size(path.name, shape)
     latitude = south + latitude_step * np.arange(shape[0])

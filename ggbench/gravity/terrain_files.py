@@ -110,9 +110,10 @@ def _from_variables(dataset: Any, path: Path, area: Area | None, units: Units) -
         grids = named or grids
     if len(grids) != 1:
         raise TerrainError(
-            f"{name} has {len(grids)} grids in latitude and longitude "
-            f"({', '.join(grids) or 'none'}); exactly one is needed, or one named "
-            f"{', '.join(_HEIGHT_NAMES)}, with coordinates lat and lon, or x and y."
+            f"{name} has {len(grids)} variables on latitude and longitude "
+            f"({', '.join(grids) or 'none'}); it must have one, or name exactly one of them "
+            f"{', '.join(_HEIGHT_NAMES[:-1])} or {_HEIGHT_NAMES[-1]}. The coordinates may be "
+            "named lat and lon, or x and y."
         )
     ((key, grid),) = grids.items()
     check_size(name, grid.shape)
@@ -180,8 +181,9 @@ def _from_arrays(arrays: Mapping[str, Any], name: str, area: Area | None, units:
         longitude = float(arrays["xmin"]) + float(arrays["dx"]) * columns
     else:
         raise TerrainError(
-            f"{name} has the arrays {', '.join(sorted(arrays))}; needed are those of a Terrain, "
-            "or lat, lon and z, or elevation, xmin, ymax, dx and dy."
+            f"{name} has the arrays {', '.join(sorted(arrays))}; it must have one of these sets: "
+            "(lat, lon, z), (elevation, xmin, ymax, dx, dy) or "
+            f"({', '.join(sorted(_OF_A_TERRAIN))})."
         )
     heights, of_marks = marks_removed(written, written, units)
     return regular_grid(latitude, longitude, heights, name, [*remarks, of_marks], area)

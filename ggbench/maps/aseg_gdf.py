@@ -221,12 +221,13 @@ def _cells(
     if wrong is not None:
         row, column = wrong
         place = (
-            f"; read by widths, line {numbers[row]} has {by_width[row][column][:40]!r} where a "
-            "number is needed"
+            f"; split at fixed widths, line {numbers[row]} has {by_width[row][column][:40]!r} "
+            "where a number is needed"
         )
     raise MapError(
-        f"{path}: the definitions have {len(widths)} columns of {int(ends[-1])} characters in "
-        f"all, but the rows have {min(words)} to {max(words)} words{place}."
+        f"{path}: the rows do not match the definitions, which have {len(widths)} columns with a "
+        f"total width of {int(ends[-1])} characters. Split at separators, the rows have "
+        f"{min(words)} to {max(words)} values{place}."
     )
 
 

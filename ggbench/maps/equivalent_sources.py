@@ -207,7 +207,8 @@ class Equations:
             factor = cho_factor(damped, overwrite_a=True, check_finite=False)
         except LinAlgError:
             raise MapError(
-                f"a damping of {damping:g} does not determine the masses: increase --damping."
+                f"with a damping of {damping:g}, the normal equations of the point masses are not "
+                "positive definite: increase --damping."
             ) from None
         masses = cho_solve(factor, right, check_finite=False)
         return EquivalentSources(self.plane, self.places, masses)

@@ -95,7 +95,8 @@ def _coefficients(
             by_place[place] = _Coefficient(dates[0], values)
     for place in sorted(outside - by_place.keys()):
         raise MapError(
-            f"{path}: the epoch lies in no interval of gfct of degree {place[0]}, order {place[1]}."
+            f"{path}: no gfct line of degree {place[0]}, order {place[1]} has an interval that "
+            "contains the epoch: choose another --epoch."
         )
     for word, place, values, dates, period in parsed:
         if word == "gfct" or (intervals and not dates[0] <= time < dates[1]):

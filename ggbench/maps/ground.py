@@ -25,7 +25,7 @@ _QUICK_NODES = 8_000_000  # of the Fourier grid, by default: some seconds
 _ROUND_M = 10.0
 _WORTH_SAYING_EOTVOS = 1.0
 """Effect of unknown ground beyond the terrain above which a remark is made [E]."""
-_DRAPE_M = 200.0  # height of a flight above the ground, of which is said where the map serves it
+_DRAPE_M = 200.0  # default height above the ground of the flights in the note on the map's area
 
 
 @dataclass(frozen=True)

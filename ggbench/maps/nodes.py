@@ -205,9 +205,10 @@ def _heights_and_spacing(
         if request.highest_m is not None and lowest < request.highest_m:
             spacing_m = min(spacing_m, _round_down((request.highest_m - lowest) / _FEWEST_STEPS))
     if not 0.0 < spacing_m < math.inf:
-        raise MapError(
-            f"--height-spacing {spacing_m:g} must be positive: is --lowest above the ground?"
+        remedy = (
+            "raise --lowest" if request.height_spacing_m is None else "correct --height-spacing"
         )
+        raise MapError(f"the height spacing is {spacing_m:g} m and must be positive: {remedy}.")
     highest = request.highest_m
     if highest is None:
         layers = _LAYERS - 1

@@ -301,14 +301,14 @@ def _check_spacings(recipe: MapRecipe, limits: Limits) -> None:
     if recipe.height_spacing_m > widest:
         raise MapError(
             f"height_spacing_m = {recipe.height_spacing_m} is too wide for min_height_m = "
-            f"{recipe.min_height_m}: at most {widest:g} is allowed, {rule.vertical_words}."
+            f"{recipe.min_height_m}: at most {widest:g} is allowed, which is {rule.vertical_words}."
         )
     height = recipe.min_height_m + _MARGIN_NODES * recipe.height_spacing_m
     widest = math.degrees(rule.share * (height - rule.ground_m) / SEMI_MAJOR_AXIS) * 60.0
     if recipe.spacing_arcmin > widest:
         raise MapError(
             f"spacing_arcmin = {recipe.spacing_arcmin} is too wide for a map from a height of "
-            f"{height:g} m: at most {widest:.3g} is allowed, {rule.words}."
+            f"{height:g} m: at most {widest:.3g} is allowed, which is {rule.words}."
         )
 
 

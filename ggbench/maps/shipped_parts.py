@@ -131,7 +131,10 @@ class ShippedPart(Protocol):
         ...
 
     def errors(self) -> Errors | None:
-        """Return the standard errors of a map of this part alone; None if unknown."""
+        """Return standard errors and correlation distances of a map that has only this part.
+
+        Return None if they are unknown.
+        """
         ...
 
     def note(self, options: PartOptions) -> str:
@@ -313,7 +316,7 @@ class ShippedTerrain:
     def spacing(self) -> SpacingRule:
         """Return the largest node spacings, relative to the height above the highest ground."""
         highest = float(self.terrain().height_m.max())
-        words = f"the height above the highest ground, {highest:g} m"
+        words = f"the height above the highest ground (at {highest:g} m)"
         return SpacingRule(
             share=self.SHARE,
             vertical_share=1.0,
@@ -371,7 +374,7 @@ class ShippedMasses:
     def spacing(self) -> SpacingRule:
         """Return the largest node spacing, relative to the height above the highest point mass."""
         highest = self._highest_m
-        words = f"{self.SHARE:g} of the height above the highest point mass, {highest:.0f} m"
+        words = f"{self.SHARE:g} of the height above the highest point mass (at {highest:.0f} m)"
         return SpacingRule(
             share=self.SHARE,
             vertical_share=self.SHARE,

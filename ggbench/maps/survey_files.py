@@ -127,8 +127,9 @@ def read_lines(
         for column in (named_columns[key] for key in places):
             if datum := old_datum(_described(table, column)):
                 raise MapError(
-                    f"{path}: the column {column.name} is in the datum {datum} by its name: give "
-                    "--crs, the EPSG code of its degrees, for example EPSG:4202 for AGD66."
+                    f"{path}: the name of the column {column.name} indicates the datum {datum}, "
+                    "not WGS84: give --crs, the EPSG code of its latitudes and longitudes, for "
+                    "example EPSG:4202 for AGD66."
                 )
         _require_degrees(table, {named_columns[key]: values[key] for key in places})
     corrected = [
@@ -291,8 +292,9 @@ def _require_quantity(path: Path, table: SurveyTable, column: Column, quantity: 
     described = _described(table, column)
     if quantity == "gradient" and not column.unit and names_gravity(described):
         raise MapError(
-            f"{path}: the column {described!r} is gravity by its name, not a gradient: give it as "
-            f"--quantity disturbance, or state its unit, as in --column 'KEY={column.name} [E]'."
+            f"{path}: the name of the column {described!r} indicates gravity, not a gradient: give "
+            "--quantity disturbance if it is gravity, and --column "
+            f"'KEY={column.name} [E]' if it is a gradient."
         )
     if reason := contradiction(quantity, described):
         other = {"disturbance": ANOMALY, ANOMALY: DISTURBANCE}.get(quantity, "")
@@ -407,8 +409,9 @@ def _require_metres(
         return
     if system.is_projected and all(small):
         raise MapError(
-            f"{path}: --crs {crs} is a projection in metres, but all coordinates are within "
-            "degrees: give the code of degrees, or the columns easting_m and northing_m."
+            f"{path}: --crs {crs} is a projection in metres, but all coordinates lie within ±360 "
+            "and ±90, as degrees do. Give the EPSG code of a system of latitude and longitude, or "
+            "the columns in metres with --column easting_m=COLUMN --column northing_m=COLUMN."
         )
 
 

@@ -134,8 +134,8 @@ def _folds(lines: SurveyLines) -> list[list[int]]:
     others = [i for i, kind in enumerate(lines.kinds) if kind != TIE]
     if len(others) < 2:
         raise MapError(
-            f"{len(others)} lines are not tie lines; at least 2 are needed: one is held back to "
-            "choose the settings and to estimate the standard error."
+            f"the survey has {len(others)} lines that are not tie lines; at least 2 are needed: "
+            "they are held back in turn to choose the settings and to estimate the standard error."
         )
     return [others[first::FOLDS] for first in range(min(FOLDS, len(others)))]
 
@@ -165,7 +165,7 @@ def _depths(lines: SurveyLines, area: float) -> list[float]:
     distance = area / max(length, 1.0)
     if distance < _NARROWEST_M:
         raise MapError(
-            "the lines cover no area, so their distance gives no depth: give --depth and "
-            "--source-spacing."
+            "the lines cover no area, so the depth of the point masses cannot be derived from the "
+            "line spacing: give --depth and --source-spacing."
         )
     return [round(factor * distance, -1) for factor in _DEPTHS]

@@ -207,6 +207,6 @@ def require_size(path: Path, values: Mapping[Column, Array], quantity: Quantity)
     if unstated and 0.0 < rms < _LEAST:
         raise MapError(
             f"{path}: the RMS of {', '.join(unstated)} is {rms:.2g} {unit}, smaller than the "
-            f"noise of any instrument: if the unit is {other}, give --column 'KEY={unstated[0]} "
-            f"[{unit}]'; if it is {other}, state that unit likewise."
+            f"noise of any instrument: state the unit with --column 'KEY={unstated[0]} [{other}]' "
+            f"or --column 'KEY={unstated[0]} [{unit}]'."
         )

@@ -144,9 +144,9 @@ def _require_seconds(columns: files.Columns, times: np.ndarray) -> None:
     units = [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)]
     unit, factor = next((u, f) for u, f in units if f * step < _SLOWEST or f == units[-1][1])
     raise columns.error(
-        f"its samples are {step:.6g} s apart (median), too slow for an IMU: if the times are in "
-        f"{unit}, the interval is {factor * step:.3g} s; state the unit, as in --column "
-        f"'time_s=time_s [{unit}]', even if it is s"
+        f"the median interval of its samples is {step:.6g} s, too long for an IMU: state the unit "
+        f"of the times. With --column 'time_s=time_s [{unit}]' the interval is "
+        f"{factor * step:.3g} s; if the times are in seconds, give [s]"
     )
 
 
@@ -243,15 +243,15 @@ def _noise(readings: np.ndarray, period: float) -> SensorNoise:
     if (readings == readings[0]).all(axis=0).any():
         axes = ", ".join("xyz"[n] for n in np.flatnonzero((readings == readings[0]).all(axis=0)))
         raise FlightError(
-            f"the measurements of three axes are constant or not finite ({axes} constant): their "
+            f"the measurements of the gyros or accelerometers are constant on axis {axes}: their "
             "noise cannot be estimated"
         )
     duration = period * len(readings)
     taus, deviations = _allan(readings, period)
     if not (np.isfinite(deviations).all() and (deviations > 0.0).all()):
         raise FlightError(
-            "the measurements of three axes are constant or not finite: their noise cannot be "
-            "estimated"
+            "the Allan deviation of the gyros or accelerometers is zero or not finite: check for "
+            "constant or missing measurements"
         )
     # Overlapping averages of three axes: about so many are independent.
     weights = np.sqrt(2.0 * 3.0 * (duration / taus - 1.0))

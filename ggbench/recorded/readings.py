@@ -118,8 +118,8 @@ def _read(
     if marks.any() and values.shape[1] > 1:
         row = int(marks.argmax())
         raise columns.error(
-            f"{', '.join(names)} are all {values[row, 0]:g}, in {marks.sum()} of {len(values)} "
-            "rows: leave the cells of missing measurements empty",
+            f"{', '.join(names)} are all {values[row, 0]:g}, a code for missing values (in "
+            f"{marks.sum()} of {len(values)} rows): leave the cells of missing measurements empty",
             row,
         )
     if not np.isfinite(values[rows]).any():

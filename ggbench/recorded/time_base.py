@@ -66,10 +66,11 @@ class TimeBase:
             if outside == "refuse":
                 row = int(off.argmax())
                 raise columns.error(
-                    f"time {times[row]:.16g} s lies outside the record of the INS, after "
-                    f"{self.start:.16g} s to {self.start + self.dt * self.count:.16g} s (as do "
-                    f"{np.count_nonzero(off)} of {len(times)} measurements); set clock_offset_s "
-                    'if the clocks differ, or outside = "drop" to omit these measurements',
+                    f"time {times[row]:.16g} s lies outside the record of the INS, which begins at "
+                    f"{self.start:.16g} s (excluded) and ends at "
+                    f"{self.start + self.dt * self.count:.16g} s; {np.count_nonzero(off)} of "
+                    f"{len(times)} measurements are outside. Set clock_offset_s if the clocks "
+                    'differ, or outside = "drop" to omit these measurements',
                     row,
                 )
             nearest, rows, since = nearest[~off], rows[~off], since[~off]
@@ -120,7 +121,9 @@ def clocked(columns: Columns, offset: float) -> np.ndarray:
     steps = np.diff(times)
     if (steps <= 0.0).any():
         row = int((steps <= 0.0).argmax()) + 1
-        kind = "is there twice" if steps[row - 1] == 0.0 else "is behind that of the row before"
+        kind = (
+            "occurs twice" if steps[row - 1] == 0.0 else "is less than the time of the row before"
+        )
         raise columns.error(
             f"time {times[row]:.16g} s {kind}"
             + ("" if steps[row - 1] == 0.0 else f", {times[row - 1]:.16g} s")

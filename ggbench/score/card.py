@@ -112,7 +112,9 @@ class Question(_Part):
         """
         roles = [other.role for other in self.against]
         if len(set(roles)) != len(roles) or (not self.skipped and "ekf" not in roles):
-            raise ValueError("against must have the EKF, and each role once")
+            raise ValueError(
+                "against must contain the role ekf, unless the case is skipped, and no role twice"
+            )
         if len(self.errors_m) != len(self.succeeded):
             raise ValueError("errors_m and succeeded must have a value for each run")
         return self
@@ -149,10 +151,13 @@ class Card(_Part):
         """Raise ValueError unless each case occurs once, with ``runs`` values of ``errors_m``."""
         names = [question.case for question in self.questions]
         if len(set(names)) != len(names):
-            raise ValueError("questions must be of different cases")
+            raise ValueError("two questions are of the same case; each case is allowed once")
         flown = [len(q.errors_m) for q in self.questions if not q.skipped]
         if any(count != self.runs for count in flown):
-            raise ValueError(f"errors_m must have {self.runs} values in each case, as runs says")
+            raise ValueError(
+                f"errors_m must have one value per run, {self.runs}, in each case that is not "
+                "skipped"
+            )
         return self
 
     def verdicts(self, role: str) -> dict[str, int]:

@@ -104,8 +104,8 @@ def require_comparable(old: Card, cases: Collection[str], seed: int | None) -> N
     flown = [question.case for question in old.questions if not question.skipped]
     if not set(flown) & set(cases or (case.name for case in suite.cases)):
         raise ScoreError(
-            "this score flies no question of the card: the card has "
-            + (f"results of {', '.join(flown)}" if flown else "skipped all questions")
+            "none of the requested cases has results in the old card: "
+            + (f"it has results of {', '.join(flown)}" if flown else "its estimator skipped all")
         )
 
 
@@ -145,7 +145,7 @@ def worse(old: Card, new: Card) -> list[str]:
         flown = _flown(question, spec), _flown(other, spec)
         pairs.append({"case": question.case} | compared(*flown))
     if not pairs and not skipped:
-        raise ScoreError("the cards have no question in common with results in the old card")
+        raise ScoreError("the old card has no results in any case of the new card")
     sentences = [
         f"{pair['case']}: errors are {pair['error_ratio']:.3g} times as large; "
         f"{pair['second_only']} runs no longer succeed, {pair['first_only']} newly succeed"

@@ -311,8 +311,9 @@ class Gravimeter(AidingSensor):
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
         """Return the measurements (..., K, e) [mGal], reduced with the new INS solution.
 
-        The measured specific force is rotated from the old to the new attitude. For this rotation,
-        components that are not measured are assumed to be those of steady flight.
+        The measured specific force is rotated from the old to the new attitude. The rotation needs
+        three components: those without a measurement are taken from the specific force of steady
+        flight.
         """
         turn = new.attitudes @ np.swapaxes(old.attitudes, -1, -2)
         reduced = self.steady_force(new.positions, new.velocities)

@@ -84,9 +84,10 @@ def channel_errors(spec: FieldSpec, channels: Sequence[str]) -> tuple[float, ...
     error = make_field(spec).standard_error[:6]
     if not np.isfinite(error).all():
         raise MapError(
-            f'model.field.standard_error: the map "{spec.source}" states no standard error'
+            f'model.field.standard_error: the map "{spec.source}" contains no standard error'
             + (" of some components" if np.isfinite(error).any() else "")
-            + "; 'ggbench map build --lines' stores it if held-back lines show it"
+            + "; 'ggbench map build --lines' stores one only if residuals on held-back lines are "
+            "larger than on fitted lines"
         )
     return tuple(float(np.linalg.norm(COMPONENTS[name] * error)) for name in channels)
 

@@ -366,10 +366,11 @@ def require_short_delays(model: SensorSuite, altimeter: float, count: int) -> No
     if model.gradiometer is None:
         return
     delay = model.gradiometer.period * float(model.treatment(count).delay_samples.max())
-    what, remedy = "delay of the filtered readings", "use a higher filter_cutoff_hz or read faster"
+    what = "delay of the filtered measurements"
+    remedy = "use a higher filter_cutoff_hz or a smaller period_s"
     if model.gradiometer.latency > 0.0:
-        delay, what = model.gradiometer.latency, "latency of the readings"
-        remedy = "give it in [truth.gradiometer] alone"
+        delay, what = model.gradiometer.latency, "latency of the measurements"
+        remedy = "give latency_s only in [truth.gradiometer]"
     for name, time in (
         ("altimeter.time_constant_s", altimeter),
         ("imu.gyro_bias_time_s", model.imu.gyro_bias_time),

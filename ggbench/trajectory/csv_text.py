@@ -56,8 +56,8 @@ class CsvText:
 
         Fields may be quoted. Comments before the line of names are ignored: lines that begin with
         #, // or %. A line that begins with % may be the line of names if it contains a separator
-        and a known name. If the first line after the comments contains no known name, a comment may
-        be the line of names (format of ``numpy.savetxt``).
+        and a known name. If the first line after the comments contains no known name, the last
+        comment with at least two known names is the line of names (format of ``numpy.savetxt``).
 
         Parameters
         ----------

@@ -65,7 +65,8 @@ def _turn(before: SurveyLine, after: SurveyLine) -> SurveyLine:
     count = round(time / step)
     if count < 2 or max(abs(count * step - time), abs(after.interval - step)) > _TIMING:
         raise TrajectoryError(
-            f"{name} lasts {time:g} s and must last at least two intervals of {step:g} s"
+            f"{name} lasts {time:g} s and must last a whole number of sampling intervals of "
+            f"{step:g} s, at least 2; both lines must have the same interval"
         )
     origin = np.array([before.places[key][-1] for key in _AXES])
     north, east = metres_per_radian(np.array([math.radians(origin[0]), 0.0, origin[2]]))
@@ -83,7 +84,9 @@ def _turn(before: SurveyLine, after: SurveyLine) -> SurveyLine:
     )
     if curve is None:
         raise TrajectoryError(
-            f"{name} is too long: it has {time:g} s, in which the vehicle moves {length:.0f} m"
+            f"{name} cannot be flown: the vehicle moves {length:.0f} m in {time:g} s, but turns of "
+            f"at least {_TIGHTEST_M:g} m radius need a longer path. Check the times of both lines, "
+            "or omit one of them"
         )
     # The speed changes evenly from that of the one end to that of the other, so does the height.
     share = np.arange(1, count) / count

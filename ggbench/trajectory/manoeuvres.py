@@ -287,7 +287,7 @@ class Climb:
             if self.vertical_speed > 0.9 * speed:
                 raise TrajectoryError(
                     f"vertical_speed_mps is {self.vertical_speed:g} and must not exceed 0.9 times "
-                    f"the speed there, {speed:g} m/s"
+                    f"the initial speed of the segment, {speed:g} m/s"
                 )
             angle = math.asin(self.vertical_speed / speed)
 
@@ -426,7 +426,7 @@ def speed_of(start: State) -> float:
     Raises TrajectoryError if the speed is zero.
     """
     if start.speed < 1e-3:
-        raise TrajectoryError(f"needs a speed, but the speed there is {start.speed:g} m/s")
+        raise TrajectoryError(f"needs a speed above 0, but begins at {start.speed:g} m/s")
     return start.speed
 
 
@@ -434,6 +434,6 @@ def require_level(start: State) -> None:
     """Raise TrajectoryError if the climb angle of a state is not zero."""
     if abs(start.climb) > 1e-6:
         raise TrajectoryError(
-            "must begin in level flight, but the climb angle there is "
+            "must begin in level flight, but its initial climb angle is "
             f"{math.degrees(start.climb):g}°"
         )

@@ -97,9 +97,8 @@ def _nmea(text: str) -> Found:
     if damaged and len(damaged) > _MOST_DAMAGED * (len(fixes) + len(damaged)):
         number, reason = damaged[0]
         raise TrajectoryError(
-            f"line {number} is a GGA sentence that cannot be read ({reason}), one of "
-            f"{len(damaged)} among {len(fixes) + len(damaged)}: more than {_MOST_DAMAGED:.0%} are "
-            "damaged"
+            f"{len(damaged)} of {len(fixes) + len(damaged)} GGA sentences cannot be read, the "
+            f"first on line {number} ({reason}); at most {_MOST_DAMAGED:.0%} may be damaged"
         )
     if not fixes:
         found_only = ", ".join(f"{count} {what}" for what, count in left_out.items())

@@ -220,8 +220,9 @@ def _require_possible(first: int, name: str, values: Array) -> None:
     if off.any():
         n = int(off.argmax())
         raise TrajectoryError(
-            f"line {first + n}: {name} is {values[n]:g}, in {off.sum()} rows; leave the cells of "
-            f"missing measurements empty; others lie between {-limit:g} and {limit:g}"
+            f"line {first + n}: {name} is {values[n]:g}, a code for missing values or impossible "
+            f"({off.sum()} such rows): leave the cells of missing measurements empty; measurements "
+            f"must lie between {-limit:g} and {limit:g}"
         )
 
 

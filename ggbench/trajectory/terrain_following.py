@@ -81,8 +81,8 @@ class TerrainFollowing:
         """
         if start.speed < 1e-3 or abs(start.climb) > 1e-6:
             raise TrajectoryError(
-                "must begin in level flight with a speed, but the climb angle there is "
-                f"{math.degrees(start.climb):g}° and the speed {start.speed:g} m/s"
+                "must begin in level flight at a speed above 0, but its initial climb angle is "
+                f"{math.degrees(start.climb):g}° and its initial speed {start.speed:g} m/s"
             )
         from scipy.interpolate import CubicSpline  # not at the top: it loads slowly
 
@@ -272,8 +272,8 @@ def _profile(floor: Array, height: float, step: float, slope: float, acceleratio
     if whole[edge + flat - 1] > height + 1e-3:
         # Where it begins, the terrain ahead asks for more.
         raise TrajectoryError(
-            f"begins at {height:.1f} m, too low for the terrain ahead, which needs "
-            f"{math.ceil(_least_start(over, step, slope, acceleration))} m there; remove "
+            f"begins at {height:.1f} m, too low for the terrain ahead: the initial height must be "
+            f"at least {math.ceil(_least_start(over, step, slope, acceleration))} m. Remove "
             "height_m if this is the first segment, climb first, increase max_climb_angle_deg or "
             "reduce clearance_m"
         )

@@ -113,7 +113,8 @@ def _factor(key: str, name: str, unit: str, line: int) -> float:
         )
     if name.endswith(end) and factor != 1.0:
         raise TrajectoryError(
-            f"line {line} names a column '{name}' in '{unit}': the units differ; keep one"
+            f"line {line}: the name of the column '{name}' and the unit '{unit}' after it "
+            "contradict each other; remove one of these units"
         )
     return factor
 

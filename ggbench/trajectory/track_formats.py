@@ -65,7 +65,7 @@ def rows_of(content: bytes, columns: str | Mapping[str, str] | None = None) -> R
     name, text = recognised(content)
     if name in readers and columns is not None:
         raise TrajectoryError(
-            f"is a {name.upper()} file, which has no column names: remove columns"
+            f"is a {name.upper()} file, which has no column names: remove the key 'columns'"
         )
     if name in readers:
         return _checked(*readers[name](text))

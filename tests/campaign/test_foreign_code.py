@@ -209,7 +209,7 @@ def test_a_process_that_changes_its_messages_has_died(files):
     runs = mixed.runs()
     assert (runs.loc[runs["estimator"] == "ekf", "status"] == "ok").all()
     (reason,) = set(mixed.failures()["reason"])
-    assert "wrote to the connection for results" in reason
+    assert "wrote to the socket for results" in reason
 
 
 def test_a_message_that_cannot_be_unpickled_is_none():

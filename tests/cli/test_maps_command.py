@@ -357,7 +357,7 @@ def test_cells_of_a_map_are_scored():
     [
         (["nosuch"], "nosuch is not a map: give a file *.nc of"),
         (["nosuch.nc"], "cannot read the map nosuch.nc: No such file"),
-        (["jacksboro"], "contains no cell of 0.5° with a margin of 15 km"),
+        (["jacksboro"], "no cell of 0.5° with a margin of 15 km"),
         (["egm2008_qinling", "--height", "1"], "which has 3000 to 30000 m"),
         (["jacksboro", "--noise", "0"], "a noise must be positive and finite, and is 0"),
         (["jacksboro", "--cell-deg", "-1"], "the side of a cell is -1°"),

@@ -199,7 +199,7 @@ def test_a_track_of_ones_own_has_a_height_above_the_ground(tmp_path):
     assert abs(geoid) > 10.0
     done = invoke([*words, "--clearance", "100"], tmp_path, columns=300)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "build one under the track with 'ggbench map build'" in done.stdout
+    assert "under the track with 'ggbench map build'" in done.stdout
     low, high = round(700.0 - geoid), round(799.0 - geoid)
     assert f"The track is {low} to {high} m above the ground of dem.asc" in done.stdout
     assert "least 0 s after the start" in done.stdout
@@ -381,8 +381,8 @@ def test_a_scenario_that_is_begun_runs(tmp_path):
         (["estimator", "filter.py"], "; .py is added to it; -o DIR chooses"),
         (["scenario", "naïve"], "'na\\xefve' is not allowed as a name"),
         (["estimator", "a" * 61], "at most 60"),
-        (["estimator", "none"], "would be a class None: choose another name"),
-        (["estimator", "estimator"], "would be a class Estimator: choose another name"),
+        (["estimator", "none"], "None is a Python keyword or a class"),
+        (["estimator", "estimator"], "Estimator is a Python keyword or a class"),
         (["estimator", "there"], "there.py exists and is not overwritten"),
         (["scenario", "x", "-o", "there.py/in"], "cannot write "),
     ],

@@ -172,7 +172,7 @@ def test_a_card_of_other_cases_is_no_gate(tmp_path):
     (tmp_path / "card.json").write_text(json.dumps(stated("ekf", "outliers")))
     done = invoke(["score", "ekf", "-c", "air-narrow", "--against", "card.json"], tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
-    assert "this score flies no question of the card" in done.stderr
+    assert "none of the requested cases has results" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["card.json"]
     arguments = ["-c", "air-narrow", "-n", "2", "-j", "0", "--against", "card.json"]
     (tmp_path / "card.json").write_text(json.dumps(stated("ekf")))

@@ -146,13 +146,13 @@ def test_an_error_that_cannot_be_computed_is_neither_stated_nor_stored():
     assert np.isnan(read("m.nc").error_distance[1])
     with netCDF4.Dataset("m.nc") as file:
         assert "standard_error" not in file["gradient_en"].ncattrs()
-    with pytest.raises(MapError, match="states no standard error of some components"):
+    with pytest.raises(MapError, match="contains no standard error of some components"):
         channel_errors(FieldSpec(source=str(Path("m.nc").resolve())), ["xx"])
 
 
 def test_what_the_standard_error_leaves_out_is_said_and_stored():
     said = run("--lines", "s.csv", *SETTINGS, "-o", "m.nc")
-    assert "It excludes the unknown constant of each line" in said
+    assert "exclude errors that are constant along a line" in said
     with netCDF4.Dataset("m.nc") as file:
         assert "exclude the unknown constant of each line" in file.comment
 

@@ -71,7 +71,7 @@ BROKEN = {
         "exact_if_linear_gaussian = False",
         "on a linear problem: the mean differs by",
     ),
-    "noise": ("problem.noise_of(k)", "problem.noise_of(0)", "deviations of the posterior from"),
+    "noise": ("problem.noise_of(k)", "problem.noise_of(0)", "posterior standard deviations from"),
     "gaps": (
         "            x = x + gain @ y\n",
         "            if not problem.present[k].all():\n                gain = 0.0 * gain\n"
@@ -229,7 +229,7 @@ def test_a_small_difference_is_a_remark_and_a_larger_one_a_mistake(off, passes, 
     (exact,) = [check for check in CHECKS if check.name == "exact"]
     estimator = made(tmp_path, text)
     if passes:
-        assert "exact to 3e-06 deviations" in exact.ask(estimator)
+        assert "exact to 3e-06 posterior standard deviations" in exact.ask(estimator)
     else:
         with pytest.raises(Broken, match="correct the estimator"):
             exact.ask(estimator)

@@ -191,6 +191,16 @@ def test_a_filter_that_uses_later_readings_is_refused(folder, tmp_path):
             exchange.judge_estimates(tmp_path / "whole.mat", cut=tmp_path / "cut.mat")
 
 
+def test_estimates_of_two_seeds_are_refused(folder, tmp_path):
+    """A folder may have several files, but all of one scenario and one seed."""
+    problem = json.loads(str(estimates(folder)["problem"]))
+    for seed, name in ((problem["seed"], "a.mat"), (problem["seed"] + 1, "b.mat")):
+        changed = json.dumps(problem | {"seed": seed})
+        containers.write(tmp_path / name, estimates(folder, problem=changed), {})
+    with pytest.raises(GGBenchError, match="must have the same scenario and the same seed"):
+        gg.judge_estimates(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -47,7 +47,7 @@ def reason_of(folder: Path, text: str, **options: object) -> str:
     [
         ("echo no licence >&2; exit 3", "ended with exit code 3: no licence"),
         ("kill -SEGV $$", "ended with signal 11"),
-        ("exit 0", "ended without writing its second argument"),
+        ("exit 0", "ended without writing the file of estimates"),
         ("echo nonsense > $2", "estimates.mat is damaged"),
         ("cp $1 $2", "contains channels, which is not allowed in estimates"),
     ],

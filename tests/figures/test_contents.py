@@ -158,7 +158,7 @@ def test_components_of_one_run_with_what_it_claims(quantity, first, unit):
         error, sigma = (details["ekf"][:, column + first + index] for column in (0, 6))
         assert lines(left)["ekf"] == pytest.approx(error)
         assert lines(right)["ekf"] == pytest.approx(error)
-        assert lines(left)["pure INS"] == pytest.approx(details["ins"][:, first + index])
+        assert lines(left)["INS"] == pytest.approx(details["ins"][:, first + index])
         (region,) = right.collections
         vertices = region.get_paths()[0].vertices
         for time, deviation in zip(TIMES, sigma, strict=True):
@@ -215,11 +215,11 @@ def test_the_gradient_along_the_track_is_taken_apart():
     assert lines(top)["noisy"] == pytest.approx(arrays["noisy"])
     assert lines(top)["filtered"] == pytest.approx(arrays["filtered"])
     delayed = arrays["filtered_true"] - arrays["vertical"]
-    assert lines(middle)["what the filter delays"] == pytest.approx(delayed)
+    assert lines(middle)["delay error of the filter"] == pytest.approx(delayed)
     noise = arrays["noisy"] - arrays["vertical"]
     assert lines(bottom)["noise before the filter"] == pytest.approx(noise)
     behind = arrays["filtered"] - arrays["filtered_true"]
-    assert lines(bottom)["behind the filter"] == pytest.approx(behind)
+    assert lines(bottom)["noise after the filter"] == pytest.approx(behind)
     assert top.get_title() == "A case"
 
 

@@ -144,7 +144,7 @@ IN_AREA = (
     r"at latitude, longitude 45.01000, 7.12000; .* choose bounds without voids"
 )
 BAD = {
-    "two bands": ("a.tif", write_raster, {"count": 2}, "has 2 bands; one, of heights, is allowed"),
+    "two bands": ("a.tif", write_raster, {"count": 2}, "has 2 bands; exactly one band, with h"),
     "rotated rows": (
         "a.tif",
         write_raster,
@@ -195,13 +195,13 @@ BAD = {
         "a.nc",
         netcdf,
         {"slope": grid(), "roughness": grid()},
-        r"has 2 grids in latitude and longitude \(slope, roughness\); exactly one",
+        r"has 2 variables on latitude and longitude \(slope, roughness\); it must have one",
     ),
     "no latitudes and longitudes": (
         "a.nc",
         netcdf,
         {"z": (("a", "b"), HEIGHTS)},
-        r"has 0 grids in latitude and longitude \(none\)",
+        r"has 0 variables on latitude and longitude \(none\)",
     ),
     "axes in metres": (
         "a.nc",
@@ -243,7 +243,7 @@ BAD = {
         "a.npz",
         other_archive,
         {},
-        "has the arrays heights; needed are those of a Terrain",
+        r"has the arrays heights; it must have one of these sets: \(lat, lon, z\)",
     ),
     "a cut archive": ("a.npz", cut_archive, {}, "a.npz cannot be unpacked"),
     "pickled objects": (

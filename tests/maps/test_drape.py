@@ -315,7 +315,7 @@ def test_show_draws_a_clearance(folder):
     ("words", "said"),
     [
         (("--lowest", 3000), "--lowest 3000 is a height above the ellipsoid"),
-        (("--clearance", 300), "--clearance chooses the layers of --drape"),
+        (("--clearance", 300), "--clearance cannot be given with --clearance-from"),
         (("--clearance-from", 700), "below --clearance-to"),
         (("--clearance-from", 0), "below --clearance-to"),
         (("--tolerance", 0), "--tolerance 0 E must be positive"),

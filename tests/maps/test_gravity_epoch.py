@@ -90,7 +90,7 @@ BAD = {
         EPOCH,
         "is constant in time",
     ),
-    "outside": (text(intervals=True), datetime.date(1999, 1, 1), "in no interval of gfct of deg"),
+    "outside": (text(intervals=True), datetime.date(1999, 1, 1), "no gfct line of degree"),
     "no gfct": (text(extra="trnd 4 1 1e-10 1e-10 0 0\n"), EPOCH, "trnd of .* no line gfct"),
     "twice": (text(extra="gfct 3 1 1e-10 1e-10 0 0 20100101\n"), EPOCH, "order 1 twice"),
     "no date": (text(extra="gfct 4 1 1e-10 1e-10 0 0\n"), EPOCH, "gfct 4 1 .* cannot be read"),

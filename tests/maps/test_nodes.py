@@ -76,6 +76,17 @@ def test_a_map_begins_above_the_floor_of_every_input():
         nodes_for(held, GridRequest(lowest_m=600.0))
 
 
+def test_a_height_spacing_of_zero_is_refused():
+    """By the option that has to be changed: a spacing that is not given follows from --lowest."""
+    held = [reach((30, 34, 100, 105), floor_m=700.0, sources_m=700.0)]
+    for request, remedy in (
+        (GridRequest(lowest_m=700.0), "is 0 m and must be positive: raise --lowest"),
+        (GridRequest(height_spacing_m=-5.0), "is -5 m .*: correct --height-spacing"),
+    ):
+        with pytest.raises(MapError, match=remedy):
+            nodes_for(held, request)
+
+
 def test_longitudes_are_counted_as_the_inputs_count_them():
     """Bounds in another turn, or each in another one; two inputs on either side of a turn."""
     held = [reach((36, 37, -85, -84)), reach((36, 37, 275, 276.5))]

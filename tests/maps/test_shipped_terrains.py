@@ -200,7 +200,10 @@ JACKSBORO = MapRecipe(
         ({"min_height_m": 1100.0}, r"min_height_m = 1100.0 is outside .*1126 to 3000"),
         ({"max_height_m": 3500.0}, r"max_height_m = 3500.0 is outside .*1126 to 3000"),
         ({"land_correction": False}, r"land_correction is not allowed for 'jacksboro'"),
-        ({"spacing_arcmin": 0.2}, r"spacing_arcmin = 0.2 is too wide .* highest ground, 1076 m"),
+        (
+            {"spacing_arcmin": 0.2},
+            r"spacing_arcmin = 0.2 is too wide .* highest ground \(at 1076 m\)",
+        ),
         ({"height_spacing_m": 100.0}, r"height_spacing_m = 100.0 is too wide .*: at most 74 is"),
         (
             {"density_kg_m3": 2000.0, "source": "egm2008_qinling"},

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import agency_surveys as agencies
 import pytest
 import survey_columns as columns
@@ -103,7 +105,7 @@ COMMAS = {"LAT": [cell.replace(".", ",") for cell in columns.CELLS["LAT"]]}
 STOPPED = {"FID": [f"10:00:{n:02d}" for n in range(columns.COUNT - 1)] + ["noon"]}
 SOUTH = ("LAT", "33.1")
 METRES = "line,time_s,latitude_deg,longitude_deg,height_m,xx\n" + "1,1,3327615,436298,80,1\n" * 5
-TOO_SMALL = "smaller than the noise of any instrument: if the unit is"
+TOO_SMALL = "smaller than the noise of any instrument: state the unit"
 GRADIENT = {"key": "zz", "quantity": "gradient"}
 BAD = {
     **each(
@@ -125,7 +127,7 @@ BAD = {
         named,
         "value",
         ["FAA", "GRAV", "gz", "FREE_AIR", "Gravity"],
-        r"gravity by its name|is not a gradient",
+        r"indicates gravity, not a gradient|is not a gradient",
     ),
     **each("corrections for gravity,", gravity, "value", ["LatCorr", "TC"], "a correction"),
     **each("normal gravity,", gravity, "value", ["Theoretical gravity", "IGF"], "normal gravity"),
@@ -165,7 +167,7 @@ BAD = {
     "a word too many": (
         of_odd_words,
         {},
-        r"6 columns of 69 characters .* rows have 6 to 7 words; .*line 1",
+        r"6 columns with .* of 69 characters.* rows have 6 to 7 values; .*line 1",
     ),
     **{
         f"gravity in {unit}": (
@@ -286,3 +288,20 @@ def test_a_bad_survey_is_refused_in_one_sentence(kind, tmp_path):
     make, options, message = BAD[kind]
     with refused(MapError, message):
         make(tmp_path, **options)
+
+
+@pytest.mark.parametrize(
+    ("key", "quantity", "factor", "unit"),
+    [("zz", "gradient", 1e-9, "s^-2"), ("disturbance", "disturbance", 1e-5, "m/s2")],
+)
+def test_the_units_of_too_small_values_are_both_named(key, quantity, factor, unit, tmp_path):
+    """With the first option of the message, the values are those of the survey."""
+    table = agencies.fields("", "FIELD")
+    table[-1] = (*table[-1][:-1], [f"{factor * v:.14f}" for v in agencies.VALUES])
+    path = agencies.gdf2(tmp_path, table, separator=" ")
+    with pytest.raises(MapError, match=TOO_SMALL) as caught:
+        read_lines(path, agencies.PLACES | {key: "FIELD"}, quantity=quantity)
+    options = re.findall("--column 'KEY=(FIELD .*?)'", str(caught.value))
+    assert options == [f"FIELD [{unit}]", "FIELD [E]" if key == "zz" else "FIELD [mGal]"]
+    lines = read_lines(path, agencies.PLACES | {key: options[0]}, quantity=quantity)
+    assert lines.values[:, 0] == pytest.approx(agencies.VALUES, abs=1e-4)

@@ -82,11 +82,11 @@ BAD = {
     ),
     "seconds of a week": (clock(604_800), {}, RESTART.format("GPS week", 604_800)),
     "seconds of a day": (clock(86_400), {}, RESTART.format("day", 86_400)),
-    "a time twice": (timed(0.0, 0.1 + 0.2, 0.1 + 0.2), {}, "time 0.3 s is there twice"),
+    "a time twice": (timed(0.0, 0.1 + 0.2, 0.1 + 0.2), {}, "time 0.3 s occurs twice"),
     "a time behind by a microsecond": (
         timed(0.0, 1403636579.758556, 1403636579.758555),
         {},
-        "time 1403636579.758555 s is behind",
+        "time 1403636579.758555 s is less than",
     ),
     "heights above sea level": (
         table("time_s,alt_msl"),

@@ -51,14 +51,14 @@ ROWS = {
         "ins",
         with_times(twice),
         "ins.csv: line 9: time 0.6",
-        "is there twice",
+        "occurs twice",
     ),
     "backwards": (
         "solution",
         "ins",
         with_times(back),
         "line 9",
-        "is behind that of the row before",
+        "is less than the time of the row before",
     ),
     "gap": (
         "solution",
@@ -99,7 +99,7 @@ ROWS = {
         "solution",
         "gnss",
         with_times(lambda t: t + 86400.0),
-        "as do 20 of 20 measurements",
+        "20 of 20 measurements are outside",
     ),
     "between samples": (
         "solution",

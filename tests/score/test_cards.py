@@ -189,7 +189,7 @@ BAD_CARDS: dict[str, tuple[object, str]] = {
         {"runs": 10**19},
         f"{NO_CARD}runs: input should be less than or equal to 1000000",
     ),
-    "errors of other runs": ({"runs": 3}, f"{NO_CARD}errors_m must have 3 values"),
+    "errors of other runs": ({"runs": 3}, f"{NO_CARD}errors_m must have one value per run, 3,"),
     "a negative seed": (
         {"seed": -5},
         f"{NO_CARD}seed: input should be greater than or equal to 0",
@@ -202,10 +202,10 @@ BAD_CARDS: dict[str, tuple[object, str]] = {
         {"questions.0.succeeded": [True]},
         f"{NO_CARD}errors_m and succeeded must have a value for each run",
     ),
-    "no opponent": ({"questions.0.against": []}, f"{NO_CARD}against must have the ekf"),
+    "no opponent": ({"questions.0.against": []}, f"{NO_CARD}against must contain the role ekf"),
     "a case twice": (
         {"questions.0.case": CASES[1]},
-        f"{NO_CARD}questions must be of different cases",
+        f"{NO_CARD}two questions are of the same case",
     ),
     "an infinite error": ({"questions.0.rms_m": float("inf")}, f"{NO_CARD}rms_m"),
     "a list as parameter": (
@@ -263,15 +263,15 @@ BAD_COMPARISONS = {
     ),
     "cards of other cases": (
         lambda: cards_compared.worse(with_cases("outliers", "map-error"), card()),
-        "no question",
+        "old card has no results in any case of the new card",
     ),
     "a card that skipped all": (
         lambda: cards_compared.worse(with_cases(*CASES, skipped="too long"), card()),
-        "no question",
+        "old card has no results in any case of the new card",
     ),
     "a score of another case": (
         lambda: cards_compared.require_comparable(comparable(), ("outliers",), None),
-        "no question of the card",
+        "none of the requested cases has results in the old card: it has results of air",
     ),
     "a score of another seed": (
         lambda: cards_compared.require_comparable(comparable(), (), 7),

@@ -194,7 +194,7 @@ BAD = {
             ("", "the name of a sensor must"),
             ("x" * 31, "at most 30 characters"),
             ("GNSS", f"sensor.GNSS: {USED}"),
-            ("gnss", "sensor: .* gnss must have that kind, found 'barometer'"),
+            ("gnss", "sensor: .* 'gnss' must have kind = 'gnss', found 'barometer'"),
             ("IMU", f"sensor.IMU: {USED}"),
             ("gyro", f"sensor.gyro: {USED}"),
         )
@@ -213,7 +213,7 @@ BAD = {
     ),
     "another kind in the model": (
         BAR | {"model.sensor.x.kind": "gnss"},
-        "model.sensor.x.kind is 'gnss', and sensor.x.kind 'barometer'",
+        "model.sensor.x.kind is 'gnss', but sensor.x.kind is 'barometer'",
     ),
     "a number as a true sensor": (
         BAR | {"truth.sensor.x": 3}, "truth.sensor.x is 3 and must be a table of keys",
@@ -355,7 +355,7 @@ BAD = {
     "late disks that vibrate": (
         ROTATING
         | {f"truth.{LATE}": 1.0, "truth.gradiometer.rotating.vibration_mps2": 1.0},
-        "gradiometer.latency_s must be 0",
+        "rotating requires gradiometer.latency_s = 0",
     ),
     "late gradients to integrate": (
         INTEGRATED
@@ -369,7 +369,7 @@ BAD = {
     ),
     "a bias that decays within the latency": (
         {"imu.gyro_bias_time_s": 5.0, LATE: 5.1},
-        "_bias_time_s is 5 s .* latency of the readings, 5",
+        "_bias_time_s is 5 s .* latency of the measurements, 5",
     ),
     "a negative deviation of the mounting": (
         {"gradiometer.mounting_sigma_arcmin": -1.0}, "mounting_sigma_arcmin",

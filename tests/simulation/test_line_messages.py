@@ -84,8 +84,13 @@ BAD_ROWS: dict[str, tuple[Callable[[list[str]], list[str]], dict[str, Any], str]
         f"a gradient of {cell}": (gradients("1.0", cell, "2.5"), {}, MARK)
         for cell in ("-9999", "-9999.999", "-1e32", "2e5")
     },
-    "lines that overlap": (apart(10.0), TURNS, "must last at least two intervals"),
-    "lines too far apart": (apart(30.0), TURNS, "is too long: it has"),
+    "lines that overlap": (apart(10.0), TURNS, "sampling intervals of 1 s, at least 2"),
+    "lines apart by a fraction of the interval": (
+        apart(100.5),
+        TURNS,
+        "lasts 75.5 s and must last a whole number of sampling intervals of 1 s",
+    ),
+    "lines too far apart": (apart(30.0), TURNS, "cannot be flown: the vehicle moves"),
     "no kinds of lines": (
         lambda rows: [rows[0].replace("kind", "sort"), *rows[1:]],
         ONE,

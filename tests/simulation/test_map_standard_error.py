@@ -37,5 +37,5 @@ def test_the_model_has_the_error_of_the_map_and_the_truth_has_not(tmp_path):
 def test_a_map_without_a_standard_error_is_named(tmp_path):
     path = tmp_path / "map.nc"
     write(path, blank_map())
-    with pytest.raises(MapError, match=r"map\.nc\" states no standard error"):
+    with pytest.raises(MapError, match=r"map\.nc\" contains no standard error"):
         suite_of_case(case(path), "model")

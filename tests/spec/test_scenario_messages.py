@@ -182,7 +182,7 @@ BAD = {
     ),
     "errors of disks that are not there": (
         GRADIOMETER, f"[truth.gradiometer.rotating]\nscale_factor_ppm = 1.0\n{GRADIOMETER}",
-        r"truth.gradiometer.rotating requires the instrument in",
+        r"truth.gradiometer.rotating requires a rotating gradiometer",
     ),
     "components of a rotating instrument": (
         GRADIOMETER,
@@ -193,7 +193,7 @@ BAD = {
     "no whole number of half turns": (
         GRADIOMETER,
         f"[gradiometer.rotating]\nbaseline_m = 0.5\nrotation_hz = 0.3\n{GRADIOMETER}",
-        r"gradiometer: rotating gradiometer: a reading of 1.0 s at 0.3 Hz takes 0.6 half turns",
+        r"gradiometer: rotating gradiometer: the measurement period of 1.0 s is 0.6 half turns",
     ),
     "an axis twice": (
         GRADIOMETER,
@@ -258,6 +258,7 @@ def axis(name, values):
 
 
 CASES = "".join(f'[[case]]\nname = "c{n}"\ntitle = "t"\n' for n in range(10_001))
+STUDIES = "".join(f'[[assumption]]\nname = "a{n}"\ntitle = "t"\n' for n in range(2))
 BESIDE = "notes must name a file next to the scenario"
 DEEP = "nested at most 16 deep"
 BAD_FILES = {
@@ -265,7 +266,11 @@ BAD_FILES = {
     "Latin-1": ('title = "é"'.encode("latin-1"), "^PATH: is not UTF-8 text"),
     "an empty file": ("", "^PATH: needs a text 'title'"),
     "a zero byte": ("a = \x00", "^PATH: is not valid TOML"),
-    "10003 cases": (SMALL + CASES, r"has 10003 cases .*at most 10000 cases"),
+    "10003 cases": (SMALL + CASES, "has 10003 cases; at most 10000 are allowed"),
+    "cases times assumptions": (
+        SMALL + CASES[: CASES.index('[[case]]\nname = "c4000"')] + STUDIES,
+        r"has 12006 cases \(4002, also with each of 2 assumptions\); at most 10000 are",
+    ),
     "10002 grid points": (
         SMALL + axis("height", [1.0 + i for i in range(5001)]),
         "has 10002 grid points; at most 10000 are allowed",

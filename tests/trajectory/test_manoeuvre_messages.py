@@ -31,7 +31,7 @@ BAD: dict[str, tuple[Any, ...]] = {
     ),
     "direction of an angle": (
         [{"kind": "turn", "by_heading_deg": 9.0, "direction": "left", "bank_deg": 5.0}], {},
-        "direction requires to_heading_deg",
+        "direction is allowed only with to_heading_deg",
     ),
     "negative rate": (
         [{"kind": "turn", "by_heading_deg": 9.0, "turn_rate_deg_per_s": -5.0}], {}, "be positive",

@@ -103,7 +103,7 @@ def test_a_start_too_low_is_told_how_high_it_must_be(over_ridges):
     """... and the height that the message gives is enough."""
     with pytest.raises(TrajectoryError, match=r"segment\[0\]: begins at 700.0 m") as caught:
         trajectory_of(spec(over_ridges, height_m=700.0), 0.1)
-    needed = float(str(caught.value).split("needs ")[1].split(" m")[0])
+    needed = float(str(caught.value).split("at least ")[1].split(" m")[0])
     trajectory_of(spec(over_ridges, height_m=needed), 0.1)
     with pytest.raises(TrajectoryError, match="too low"):
         trajectory_of(spec(over_ridges, height_m=needed - 5.0), 0.1)
@@ -116,7 +116,7 @@ def test_a_flight_without_a_height_starts_as_high_as_the_terrain_asks_for(over_r
     height = float(flight.positions[0, 2])
     assert height == round(height)
     assert free.duration_s == pytest.approx(310.0)
-    with pytest.raises(TrajectoryError, match=f"needs {height - 1.0:.0f} m there"):
+    with pytest.raises(TrajectoryError, match=f"at least {height - 1.0:.0f} m"):
         trajectory_of(spec(over_ridges, height_m=height - 3.0), 0.1)
     ground = float(ridges("", *flight.positions[:1, :2].T)[0])
     assert trajectory_of(spec(over_ridges, height_m=height), 0.1).positions[0, 2] == height
@@ -143,9 +143,9 @@ def test_a_flight_that_ends_on_a_slope_starts_as_high_as_its_end_asks_for(over_r
     )
     short = over_ridges | {"distance_km": 6.0}
     flight = trajectory_of(spec(short, height_m=None), 0.1)
-    with pytest.raises(TrajectoryError, match="needs") as caught:
+    with pytest.raises(TrajectoryError, match="must be at least") as caught:
         trajectory_of(spec(short, height_m=150.0), 0.1)
-    needed = float(str(caught.value).split("needs ")[1].split(" m")[0])
+    needed = float(str(caught.value).split("at least ")[1].split(" m")[0])
     assert flight.positions[0, 2] == needed + 1.0
     assert trajectory_of(spec(short, height_m=needed), 0.1).positions[0, 2] == needed
 

@@ -99,8 +99,9 @@ class RotatingGradiometer:
         halves = 2.0 * self.rotation_rate_hz * self.period
         if round(halves) < 1 or abs(halves - round(halves)) > 1e-9 * halves:
             raise RotatingGradiometerError(
-                f"rotating gradiometer: a reading of {self.period} s at {self.rotation_rate_hz} Hz"
-                f" takes {halves:.9g} half turns, but must take a whole number of them, at least 1"
+                f"rotating gradiometer: the measurement period of {self.period} s is {halves:.9g} "
+                f"half turns at {self.rotation_rate_hz} Hz; it must be a whole number of half "
+                "turns, at least 1"
             )
 
     @property
