@@ -92,7 +92,7 @@ class ReducedStates(Estimator):
         if self.particles is not None and "particles" not in vars(FILTERS[self.filter]):
             return f"{self.filter} has no particles"
         if self.beta is not None and self.filter != "strong-tracking":
-            return f"{self.filter} has no beta: filter=strong-tracking has one"
+            return f"{self.filter} has no beta: remove beta, or use filter=strong-tracking"
         if self.weights is not None and "weights" not in vars(FILTERS[self.filter]):
             return f"{self.filter} has no weights"
         try:

@@ -18,7 +18,7 @@ from .errors import GGBenchError, line_of
 _NO_SPACE = {
     errno.ENOSPC: "no space left on the disk",
     errno.EDQUOT: "no space left in the quota",
-    errno.EFBIG: "no space left for a file so large",
+    errno.EFBIG: "the file is larger than the file system or the process limit allows",
 }
 _SMALLEST_SHARE = 0.25
 """Smallest expected ratio of the compressed to the uncompressed size of a file of numbers."""

@@ -128,15 +128,17 @@ def require_own_values(path: Path, error: type[GGBenchError], what: str) -> None
 def _way_out(content: mmap.mmap) -> str:
     """Return in words the first reference to another file, or "" if there is none.
 
-    The three kinds are external storage, virtual datasets and external links. A file with too many
-    local heaps is not searched; the result then is a text that states their number.
+    The three kinds are external storage, virtual datasets and external links. Raise ValueError if
+    the file has too many local heaps to search.
     """
     base = _base(content)
     if base < 0:
         return ""
     heaps = _addresses(content, b"HEAP", base)
     if len(heaps) > _MOST_HEAPS:
-        return f"possibly: its {len(heaps)} groups are too many to search"
+        raise ValueError(
+            f"its {len(heaps)} groups are too many to search for values in other files"
+        )
     for address in heaps:
         for at in _places(content, address, 8):
             # An external file list: version 1, reserved, allocated and used slots, heap.

@@ -449,7 +449,7 @@ def test_a_sweep_has_a_case_for_each_combination(tmp_path):
     with pytest.raises(gg.GGBenchError, match=r"no sweep of imu\.period_s: it varies gradio"):
         results.plot_sweep("imu.period_s")
     single = gg.run(case, "ekf", 2, jobs=0)
-    with pytest.raises(gg.GGBenchError, match="no number varies among its cases"):
+    with pytest.raises(gg.GGBenchError, match="no numeric key varies"):
         single.plot_sweep()
 
 

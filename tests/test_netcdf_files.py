@@ -132,6 +132,13 @@ def test_every_reader_refuses_a_bad_file_alike(kind, reader, tmp_path):
     assert "\n" not in str(refusal.value)
 
 
+def test_a_file_of_too_many_groups_is_refused(tmp_path, monkeypatch):
+    path = write(tmp_path / "a.nc", "storage")
+    monkeypatch.setattr("ggbench.netcdf_files._MOST_HEAPS", 0)
+    with pytest.raises(GGBenchError, match=r"cannot read It: its \d+ groups are too many"):
+        require_own_values(path, GGBenchError, "It")
+
+
 def test_a_folder_is_no_file(tmp_path):
     with pytest.raises(GGBenchError, match=r"cannot read It: .*directory") as refusal:
         require_own_values(tmp_path, GGBenchError, "It")

@@ -262,8 +262,9 @@ def misreadings(estimates: Path | str, results: Results) -> list[str]:
             best = min(errors, key=lambda name: errors[name])
             if errors[best] < _BETTER * _rms(true - mean):
                 sentences.append(
-                    f"the estimates of {one.problem['case']} have an error of "
-                    f"{_rms(true - mean):.3g} m, and of {errors[best]:.3g} m if read {best}"
+                    f"the RMS position error of {one.problem['case']} is "
+                    f"{_rms(true - mean):.3g} m, but {errors[best]:.3g} m if the estimates are "
+                    f"interpreted {best}: check sign, axes and units"
                 )
             break
     return sentences

@@ -233,8 +233,8 @@ class Campaign:
         """Return remarks on estimators whose source has names that give access to the truth."""
         return [
             (
-                f"{label} uses {', '.join(content['seeks'])}, which give access to the truth: the "
-                "report states this"
+                f"{label} uses {', '.join(content['seeks'])}, which give access to the truth; the "
+                "report contains this warning"
             )
             for label, content in self.plan.estimators.items()
             if "seeks" in content

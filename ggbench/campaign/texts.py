@@ -22,7 +22,7 @@ def exception_text(error: BaseException) -> str:
     try:
         text = str(error)
     except Exception:
-        text = "(its text cannot be made)"
+        text = "(message not available: str() failed)"
     return printable(f"{type(error).__name__}: {text}")
 
 

@@ -25,7 +25,8 @@ _EXIT_NOT_REPRODUCED = 1
     "estimators",
     multiple=True,
     metavar="FILE",
-    help="Estimator file of the cards to repeat; its code is run; repeatable.",
+    help="File of an estimator whose cards are repeated. Its code is run. May be given several "
+    "times.",
 )
 @click.option(
     "-o",

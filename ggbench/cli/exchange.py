@@ -83,7 +83,7 @@ def export(
     "--cut",
     type=click.Path(path_type=Path),
     help=(
-        "Estimates of problems that were exported with --until; tests for the use of future "
+        "Estimates of the problems exported with --until. They show whether a filter uses future "
         "measurements."
     ),
 )

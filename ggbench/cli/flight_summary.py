@@ -100,8 +100,8 @@ def _ins(each: Examined) -> str:
     if math.isinf(until):
         return text
     return (
-        f"{text}; from {until:.0f} s on its second-order part exceeds {allowed:g} m, outside the "
-        "linear range of filters about an open-loop INS: use closed-loop"
+        f"{text}; after {until:.0f} s the second-order part of the INS error exceeds "
+        f"{allowed:g} m, too large for filters about an open-loop INS: use closed-loop"
     )
 
 
@@ -116,7 +116,7 @@ def warn(examinations: Iterable[Examined]) -> None:
     """Print the warnings, and the remarks on height conversions and on initial heights."""
     cases = list(examinations)
     for remark in dict.fromkeys(each.flown.remark for each in cases if each.flown.remark):
-        click.echo(f"Note: of the track, {remark}.")
+        click.echo(f"Note on the track: {remark}.")
     for remark in remarks_on_the_prior(cases):
         click.echo(f"Note: {remark}.")
     for warning in warnings(cases):
@@ -204,20 +204,21 @@ def _other_units(flown: FlightExtremes) -> Iterator[str]:
     if height > HIGHEST_TRACK_M:
         yield (
             f"the track is {height:.0f} m high; more than {HIGHEST_TRACK_M:.0f} m is unusual: "
-            f"height_m is in metres, and as feet the heights would be {0.3048 * height:.0f} m"
+            "height_m must be in metres. If the file has feet, the track is "
+            f"{0.3048 * height:.0f} m high: convert the heights"
         )
     if speed < slowest:
         yield (
             f"the track moves at {short(speed)} m/s on average, {short(flown.length)} m in "
-            f"{flown.duration:.0f} s; less than {slowest:g} m/s is unusual: time_s is in "
-            f"seconds, and with times in milliseconds the speed would be {short(1e3 * speed)} "
-            "m/s"
+            f"{flown.duration:.0f} s; less than {slowest:g} m/s is unusual: time_s must "
+            "be in seconds. If the file has milliseconds, the speed is "
+            f"{short(1e3 * speed)} m/s: convert the times"
         )
     if speed > fastest:
         yield (
             f"the track moves at {speed:.0f} m/s on average; more than {fastest:.0f} m/s is "
-            "unusual: time_s is in seconds, and with times in minutes the speed would be "
-            f"{short(speed / 60.0)} m/s"
+            "unusual: time_s must be in seconds. If the file has minutes, the speed is "
+            f"{short(speed / 60.0)} m/s: convert the times"
         )
 
 

@@ -69,8 +69,8 @@ def _cause(value: float, sensor: str) -> str:
     """Return the likely cause of a noise value that is outside the range of all grades."""
     if sensor == "gyros" and value > 1.0:
         return (
-            f"if the gyros are in °/s, it is {math.radians(value):.3g}: state the unit, as in "
-            "--column 'angular_rate_x_radps=angular_rate_x_radps [deg/s]'."
+            f"with gyro columns in °/s the value is {math.radians(value):.3g}; state the unit, "
+            "as in --column 'angular_rate_x_radps=angular_rate_x_radps [deg/s]'."
         )
     return f"are the columns of the {sensor} in another unit?"
 
@@ -91,7 +91,7 @@ def _lines(noise: ImuNoise, name: str) -> Iterator[str]:
     yield from _keys(
         noise.accelerometers, "accelerometer", ("ug_per_sqrt_hz", micro_g), ("ug", micro_g), "µg"
     )
-    yield "# A log of one start does not show the constant bias: see the data sheet."
+    yield "# The turn-on bias cannot be estimated from one log: take it from the data sheet."
 
 
 def _keys(
@@ -107,8 +107,8 @@ def _keys(
     if noise.bias == 0.0:
         yield f"{sensor}_bias_{bias[0]} = {bias[1] * noise.instability:.3g}"
         yield (
-            f"# {sensor}: {instability}; the log shows no change of the bias, so the key is that "
-            "limit"
+            f"# {sensor}: {instability}; no change of the bias was detected; the bias is set to "
+            "this upper limit"
         )
         return
     walk = noise.bias * math.sqrt(2.0 / noise.time)

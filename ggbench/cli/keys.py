@@ -124,7 +124,7 @@ def tables() -> dict[str, KeyTable]:
             schemas[name] = schema
     tables_by_name["assumption"] = KeyTable(
         "assumption",
-        "A change of every case with published numbers, run by `--assumptions`.",
+        "A change of all cases that have published numbers; applied by `--assumptions`.",
         tables_by_name["case"].keys,
         listed=True,
     )

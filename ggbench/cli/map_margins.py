@@ -185,10 +185,10 @@ def narrow_margins(margins: Iterable[tuple[str, tuple[Shortfall, ...]]]) -> Iter
         }.get(side, f"from the {side} border of its map")
         names = some([name for name, _ in cases], most=3)
         yield (
-            f"in {names}, the flight is {length(worst.margin)} {where} {worst.time:.0f} s after "
-            f"the start; {DEVIATIONS:g} standard deviations of the INS error are "
-            f"{length(worst.needed)} there: estimates may leave the map, and outside it the "
-            "values of its border are used"
+            f"in {names}, {worst.time:.0f} s after the start, the flight is "
+            f"{length(worst.margin)} {where}; {DEVIATIONS:g} standard deviations of the INS error "
+            f"are {length(worst.needed)}. Estimates may leave the map; outside it the values "
+            "of its border are used"
         )
 
 

@@ -142,7 +142,7 @@ def _print_scored(scored: Any) -> None:
         f"{counted(len(table), 'cell')} of {design.cell_deg:g}° at {scored.height}: "
         f"{design.instrument.kind}, {design.instrument.noise:g} {design.instrument.unit}; nodes "
         f"{design.spacing_m:.0f} m apart; tracks of {design.track_m / 1e3:.3g} km with "
-        f"{counted(design.readings, 'reading')}; prior position {design.sigma_m / 1e3:g} km "
+        f"{counted(design.readings, 'measurement')}; prior position {design.sigma_m / 1e3:g} km "
         f"(1 σ), correct fixes within {design.right_m / 1e3:g} km"
     )
     if scored.components is None:
@@ -159,9 +159,9 @@ def _print_scored(scored: Any) -> None:
         f"σ [{unit}]",
         f"roughness [{unit}/km]",
         "index",
-        "error of a track [m]",
+        "RMS error, all headings [m]",
         "best heading [°]",
-        "error on it [m]",
+        "RMS error, best heading [m]",
         "wrong match, at most",
     )
     cells_table = ResponsiveTable(

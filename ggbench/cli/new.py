@@ -256,7 +256,7 @@ def _flight_over(own_map: Path, terrain: Path | None, clearance: float, pace: Pa
     metres = metres_per_radian(np.array([math.radians(latitude), 0.0, lowest]))
     per_north, per_east = (math.radians(1.0) * length for length in metres)
     side = min((north - south) * per_north, (east - west) * per_east)
-    room = f"the flight of {_FLIGHT_S:g} s takes 0.4 of the map's shorter side"
+    room = f"the flight of {_FLIGHT_S:g} s covers 0.4 of the map's shorter side"
     usual = 250.0 if terrain is None else 60.0
     speed = pace.at_most(0.4 * side / _FLIGHT_S, usual, room)
     start = longitude - 0.5 * _FLIGHT_S * speed / per_east
@@ -350,7 +350,7 @@ def _begun(
     if the file exists or cannot be written.
     """
     if not _NAME.fullmatch(name) or len(name) > _LONGEST:
-        ending = f"; {suffix} is added to it" if name.endswith(suffix) else ""
+        ending = f"; give the name without {suffix}" if name.endswith(suffix) else ""
         raise NewFileError(
             f"{name!a} is not allowed as a name: give a letter, then letters, digits, - and _, "
             f"at most {_LONGEST}{ending}; -o DIR chooses the folder"

@@ -36,7 +36,7 @@ _EXIT_OUT_OF_REACH = 1
     type=click.IntRange(1, 15),
     default=1,
     show_default=True,
-    help="Starts along each side of a square grid around the start of the case.",
+    help="Number of starts along each side of a square grid around the start of the case.",
 )
 @click.option(
     "--step",
@@ -50,7 +50,7 @@ _EXIT_OUT_OF_REACH = 1
     "--target",
     type=click.FloatRange(0.0, min_open=True),
     metavar="M",
-    help="Required RMS position error: counts the tracks that allow it.",
+    help="Required RMS position error. Tracks with a bound of at most M are counted.",
 )
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="CSV file to write.")
 @click.option("--figure", type=click.Path(path_type=Path), help="PNG file to draw.")

@@ -108,7 +108,7 @@ def choose_run(results: Results, case: str | None, run: int | None = None) -> tu
     usual = results.runs().groupby(["case", "estimator"])["settled_position_ms"].median()
     squares = chosen.set_index(["case", "estimator"])["settled_position_ms"]
     row = chosen.iloc[int(np.argmax((squares / usual.reindex(squares.index)).to_numpy()))]
-    reason = "the largest error, measured against the median of all runs:"
+    reason = "the largest ratio of the error to the estimator's median error in its case:"
     shown = shown_names(dict(zip(table["estimator"], table["name"], strict=True)))
     return row["case"], int(row["run"]), f"{reason} {shown[row['estimator']]}"
 

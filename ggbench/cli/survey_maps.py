@@ -172,8 +172,8 @@ def _print_errors(errors: Any, quantity: str) -> None:
     )
     if not all(math.isfinite(errors[0][k]) for k in columns):
         click.echo(
-            "A standard error is not known if the residuals on held-back lines are not larger "
-            "than on fitted lines."
+            "A standard error cannot be estimated if the residuals on held-back lines are at most "
+            "as large as on fitted lines."
         )
 
 

@@ -105,7 +105,7 @@ def _exact(estimator: Estimator) -> _Asked:
         return
     for seed in range(2):
         for epochs, m in ((40, 2), (40, 1), (2, 1)):
-            where = f"on a linear problem of {epochs} measurements of {m}"
+            where = f"on a linear problem (epochs: {epochs}, channels: {m})"
             problem = linear_sensor_problem(seed, epochs, m)
             yield where, partial(demands.as_exact, estimator, problem)
 
@@ -177,7 +177,7 @@ CHECKS = (
         "a missing channel has no effect",
         "sensors fail. Where present is false, the measurement, h and H are zero.",
         _exact_or_any(
-            {"with readings missing": lambda: with_sensor_model(gappy(linear_problem(3)))}
+            {"with missing measurements": lambda: with_sensor_model(gappy(linear_problem(3)))}
         ),
     ),
     Check(
@@ -186,8 +186,8 @@ CHECKS = (
         "squeezing an array of one element loses its axes.",
         _exact_or_any(
             {
-                "of a single measurement of 1": lambda: linear_sensor_problem(1, 1, 1),
-                "of a single measurement of 2": lambda: linear_sensor_problem(2, 1, 2),
+                "with one epoch and one channel": lambda: linear_sensor_problem(1, 1, 1),
+                "with one epoch and two channels": lambda: linear_sensor_problem(2, 1, 2),
             }
         ),
     ),

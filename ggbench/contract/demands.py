@@ -307,8 +307,9 @@ def as_exact(estimator: Estimator, problem: Problem) -> str:
             )
         if off < NEARLY_EXACT:
             return (
-                f"exact to {off:.2g} posterior standard deviations, not to {EXACT:g}; typical "
-                "causes: regularisation, or an iteration that ends early"
+                f"the result differs from the exact one by {off:.2g} posterior standard "
+                f"deviations, above {EXACT:g}; typical causes: regularisation, or an iteration "
+                "that ends early"
             )
         name = {"none": "the propagated prior", "filter": "the Kalman filter"}.get(
             estimate.causality, "the Rauch–Tung–Striebel smoother"

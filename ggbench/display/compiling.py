@@ -84,8 +84,8 @@ def maps_to_build(fields: Iterable[FieldSpec]) -> Iterator[str]:
         if not recipe.cached_path(each).exists():
             yield (
                 f"Building a map of {each.source}, {each.south_deg:g}° to "
-                f"{each.north_deg:g}° N, {each.west_deg:g}° to {each.east_deg:g}° E, once; "
-                "it is stored in the same folder."
+                f"{each.north_deg:g}° N, {each.west_deg:g}° to {each.east_deg:g}° E. "
+                f"It is stored for later runs in {cache_folder()}."
             )
 
 
@@ -113,7 +113,7 @@ class Compiled:
                 self._grew = now
         if not self._count or now - self._grew > _LATELY_S:
             return ""
-        return f"compiled {counted(self._count, 'function')}, the last of {self._last}"
+        return f"compiled {counted(self._count, 'function')}, the most recent in {self._last}"
 
     def _look(self) -> None:
         """Count new compiled functions; folders that have not changed are not read again."""

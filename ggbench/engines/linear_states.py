@@ -20,7 +20,7 @@ def mixing(problem: Problem) -> str | None:
     """
     if not isinstance(problem.model, CompiledModel):
         return (
-            "linear states are known only for the model of ggbench, not for "
+            "linear states can be identified only in the measurement model of ggbench, not in "
             f"{type(problem.model).__name__}"
         )
     arrays = problem.model.arrays

@@ -28,12 +28,12 @@ _MISSING = "0.9"
 _ROW, _HEAD, _PROFILE = 0.29, 1.35, 2.1
 """Heights [in] of a row of the grid, of its head, of the profile."""
 KEY = (
-    "Number: RMS error over the oracle's,\n"
-    "over the bound if the model is wrong\n"
+    "Number: RMS error / oracle's error\n"
+    "(wrong model: RMS error / bound)\n"
     "In brackets: bound of filters\n"
     "Frame: recommended\n"
     "\N{DAGGER} overconfident, \N{DOUBLE DAGGER} unsafe\n"
-    "lost: share of runs that end far off"
+    "lost: share of lost runs, above half"
 )
 """Explanation of the cells, in the corner above the names of the cases."""
 _TITLE = 34

@@ -146,7 +146,7 @@ def swept(results: Results, key: str | None = None) -> Drawing:
     varied = sorted((name for name in shared if changes[name]), key=lambda name: changes[name])
     chosen = key or (varied[0] if varied else "")
     if chosen not in varied:
-        reason = f"it varies {', '.join(varied)}" if varied else "no number varies among its cases"
+        reason = f"it varies {', '.join(varied)}" if varied else "no numeric key varies"
         raise ResultsError(f"{results.folder} holds no sweep of {key or 'a number'}: {reason}")
     parts: dict[tuple[str, ...], list[tuple[float, str]]] = {}
     for case, table in zip(cases, tables, strict=True):

@@ -67,8 +67,8 @@ def contradiction_of_axis(key: str, name: str, values: NDArray[np.float64]) -> s
         direction, words = _NEGATIVE[key]
         if words.search(plain) and (values > 0.0).any():
             return (
-                f"the name says that values are positive {direction}, but {own}s must be negative "
-                f"there: change the sign"
+                f"the column name indicates positive {direction}; {own}s must be negative in that "
+                "direction: change the sign"
             )
     return ""
 

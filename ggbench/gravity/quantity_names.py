@@ -44,8 +44,8 @@ _PARTS_OF_GRADIENTS = {"a correction", "a height of a surface"}
 """Other quantities that the name of a gradient column may contain."""
 _REASONS = {
     _REDUCED: (
-        "only free-air anomalies or disturbances are allowed: others exclude the attraction of "
-        "the rock"
+        "only free-air anomalies or disturbances are allowed: Bouguer and isostatic anomalies "
+        "exclude the attraction of the rock"
     ),
     "a free-air anomaly": (
         "anomalies differ from disturbances by 0.3 mGal per metre of geoid height: give it as an "

@@ -15,16 +15,16 @@ NARROW, WIDE = 0.2, 1.0
 LONG_S = 1800.0
 """Least duration of a long flight [s]."""
 SITUATIONS = {
-    "measured": "Readings that were measured",
+    "measured": "Measurements of a real sensor",
     "plain": f"Narrow prior, right model (σ/ℓ below {NARROW:g}, or not known)",
-    "between": f"Prior of the field's own scale (σ/ℓ of {NARROW:g} to {WIDE:g})",
+    "between": f"Prior comparable to the correlation length (σ/ℓ of {NARROW:g} to {WIDE:g})",
     "wide": f"Wide prior (σ/ℓ of {WIDE:g} or more)",
     "scalar": "No gradiometer on board",
     "long": f"Long flight ({LONG_S / 60.0:g} min or more), narrow prior",
     "readings": "Outliers or gaps in the measurements",
     "outage": "Satellite navigation that fails",
     "map": "Map error that the model does not include",
-    "modelled-map": "Map error, modelled as walking biases",
+    "modelled-map": "Map error, modelled as random-walk biases",
     "gravity": "Gravity disturbance that the mechanization does not compensate",
     "model": "Sensors, times or initial errors other than assumed",
 }

@@ -31,7 +31,7 @@ FEWEST_RUNS = 40
 LEAST_SUCCESS = 0.5
 """Least success rate of a recommended estimator."""
 LEAST_NEES = 0.5 * JUDGED
-"""Least mean NEES of a recommended estimator: the covariance is at most twice too large."""
+"""Least mean NEES of a recommended estimator: the covariance is at most twice the correct one."""
 ALIKE_TIMES = 2.0
 """Ratio of computing times up to which they count as equal, because they vary with the load."""
 _INS = ""
@@ -131,7 +131,7 @@ def verdict(runs: pd.DataFrame, metrics: pd.DataFrame, of: str = "causal") -> Ve
     reasons = {
         f"fewer than {FEWEST_RUNS} runs": aided["run"].nunique() >= FEWEST_RUNS,
         "none is consistent": consistent,
-        "covariances are more than twice too large": informative,
+        "covariances are more than twice the correct ones": informative,
         "no estimator succeeds in half of the runs": finding,
         "no estimator is significantly better than the INS": gain in ("", BETTER),
         "no estimator is near the best in both halves of the runs": near,

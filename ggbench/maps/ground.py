@@ -124,10 +124,10 @@ class Ground:
             for value in (sheet / distance, sheet / _WORTH_SAYING_EOTVOS / 1e3)
         )
         return [
-            f"the map lies within {distance / 1e3:.2g} km of the {side} edge of the terrain; "
-            f"ground beyond the edge that is {step:.0f} m higher or lower than assumed (1 σ of "
-            f"the terrain) causes an error of {worth:g} E there; for {_WORTH_SAYING_EOTVOS:g} E "
-            f"provide {needed_km:g} km of terrain around the map"
+            f"the map lies within {distance / 1e3:.2g} km of the {side} edge of the terrain. "
+            f"Unknown heights beyond this edge ({step:.0f} m, 1 σ) cause errors of {worth:g} E "
+            f"near it. For errors of at most {_WORTH_SAYING_EOTVOS:g} E, provide "
+            f"{needed_km:g} km of terrain around the map"
         ]
 
     def remark(self, nodes: Nodes) -> str:

@@ -79,7 +79,7 @@ def read_icgem(path: Path, kind: str) -> tuple[ReadGrid, str]:
         grid[:, 0, 1],
         grid[0, :, 0],
         np.where(grid[:, :, -1] == gap, np.nan, grid[:, :, -1]),
-        () if functional else (f"{path.name} names no functional: read as --{kind}",),
+        () if functional else (f"{path.name} states no functional; --{kind} is assumed",),
         height,
         functional.startswith("height_anomaly"),
     )

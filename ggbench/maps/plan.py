@@ -339,7 +339,7 @@ class _Sources:
         how = "Parker's series" if inputs.drape is None else "prisms and columns"
         word = f"terrain {path.name}, {options.density:g} kg/m³, by {how}"
         if degree is not None:
-            word += f", of what is shorter than degree {degree}"
+            word += f", only wavelengths shorter than that of degree {degree}"
         self.words.append(word)
         self.parameters |= {
             "density_kg_m3": options.density,
@@ -354,9 +354,9 @@ class _Sources:
             }
         if degree is None:
             self.remarks.append(
-                "a terrain alone gives the attraction of the ground within it, including a plate "
-                "below it; the map excludes masses below and beyond the terrain (--coefficients "
-                "adds them)"
+                "a map from a terrain alone contains only the attraction of the masses between the "
+                "zero level and the ground. Masses below the zero level and the true ground beyond "
+                "the edges are missing (--coefficients adds their long wavelengths)"
             )
         self._add_terrain_extent(terrain, inputs, zero_level)
 
@@ -386,12 +386,14 @@ class _Sources:
             above = base.ravel() - ground.masses.ground(*drape.points_of(nodes, 0.0)[:, :2].T)
             self.remarks.append(
                 f"the layers lie {nodes.height_m[0]:g} to {nodes.height_m[-1]:g} m above a base "
-                f"surface; its height is {base.min():.0f} to {base.max():.0f} m, at most "
-                f"{above.max():.0f} m and on average {above.mean():.0f} m above the ground"
+                f"surface. This surface lies at ellipsoidal heights of {base.min():.0f} to "
+                f"{base.max():.0f} m, at most {above.max():.0f} m above the ground (on average "
+                f"{above.mean():.0f} m)"
             )
             self.remarks.append(
-                f"columns of the terrain are prisms up to a distance of {ground.ratio:g} widths, "
-                f"and lines beyond it; the error is at most {error:.2g} E on the lowest layer"
+                "terrain columns are modelled as prisms up to a distance of "
+                f"{ground.ratio:g} column widths, and as line masses beyond; the error is at most "
+                f"{error:.2g} E on the lowest layer"
             )
             self.parameters |= {
                 "prisms_to_widths": ground.ratio,
@@ -423,20 +425,20 @@ class _Sources:
         corners = np.array([(a, b) for a in area[:2] for b in area[2:]], dtype=float)
         undulations = geoid_heights(*corners.T)
         height = round(float(undulations.mean()), 1)
-        heights = f"heights of {inputs.terrain.name} are taken as"
+        heights = f"heights of {inputs.terrain.name} are assumed to be"
         lowest, highest = undulations.min(), undulations.max()
         model = f"EGM2008 to degree 120, {lowest:.1f} to {highest:.1f} m at its corners"
         if inputs.drape is not None:
             self.remarks.append(
                 f"{heights} above sea level, which lies {height:g} m above the ellipsoid "
-                f"({model}); change it with --geoid-height; heights of tracks must be above the "
-                "ellipsoid"
+                f"({model}). --geoid-height sets another value. Heights of tracks must be above "
+                "the ellipsoid"
             )
             return height
         if abs(height) >= _WORTH_SAYING_M:
             self.remarks.append(
-                f"{heights} above the ellipsoid; if they are above sea level, give "
-                f"--geoid-height {height:g} ({model}), to match heights of receivers"
+                f"{heights} above the ellipsoid, like heights of GNSS receivers. If they are above "
+                f"sea level, give --geoid-height {height:g} ({model})"
             )
         return 0.0
 

@@ -223,18 +223,17 @@ class ShippedGeoid:
         the depth of the masses. This limit is stricter, because the error is largest in the lowest
         layer, where the spline ends.
         """
-        words = "a quarter of that height"
+        words = vertical_words = "a quarter of the height"
         if self.source_depth_m > 0.0:
-            words += (
-                f" above sources {self.source_depth_m:g} m deep (vertically: above half that depth)"
-            )
+            words += f" above sources at a depth of {self.source_depth_m:g} m"
+            vertical_words += f" above half the sources' depth of {self.source_depth_m:g} m"
         return SpacingRule(
             share=self.SHARE,
             vertical_share=self.SHARE,
             ground_m=0.0 - self.source_depth_m,
             vertical_ground_m=0.0 - 0.5 * self.source_depth_m,
             words=words,
-            vertical_words=words,
+            vertical_words=vertical_words,
         )
 
     def errors(self) -> None:

@@ -49,8 +49,8 @@ def convention_in_words(survey_fit: SurveyFit, axes: str) -> str:
     named = next((name for name, turn_known in AXES.items() if _same(turn_known, whole)), "")
     words = f"--axes {named}" if named else f"axes {axes_in_words(whole, _DIRECTIONS)}"
     return (
-        f"held-back lines fit best with {words}: residual {best:.2f} of the RMS in place of "
-        f"{own:.2f}"
+        f"held-back lines fit best with {words}: the RMS residual is {best:.2f} times the RMS "
+        f"measurement, instead of {own:.2f} times"
     )
 
 

@@ -139,15 +139,15 @@ def read_lines(
     ]
     if corrected:
         remarks.append(
-            f"{', '.join(corrected)}: corrected for the terrain by name; the map lacks the "
-            "attraction of its rock"
+            f"{', '.join(corrected)}: the name indicates a terrain correction, so the map excludes "
+            "the attraction of the terrain"
         )
     remarks += _remarks_on_comments(table, crs)
     texts = [table.comments, *(_described(table, named_columns[key]) for key in components_read)]
     if axes == "east-north-up" and quantity == "gradient" and any(map(names_axes_down, texts)):
         remarks.append(
-            "a name or a comment says north, east, down or z down: if the components are in these "
-            "axes, give --axes"
+            "a column name or a comment indicates axes north, east, down or z down: if the "
+            "components have these axes, give --axes"
         )
     if "time_s" not in values:
         values["time_s"] = np.zeros(len(table.rows))
@@ -336,7 +336,9 @@ def _remarks_on_comments(table: SurveyTable, crs: str | None) -> list[str]:
     """Return remarks on a datum or a zero level of heights that a comment in the file states."""
     remarks = []
     if crs is None and (datum := old_datum(table.comments)):
-        remarks.append(f"a comment names the datum {datum}: if the places are in it, give --crs")
+        remarks.append(
+            f"a comment names the datum {datum}: if the coordinates refer to this datum, give --crs"
+        )
     if level := zero_level(table.comments):
         remarks.append(
             f"a comment names heights above {level}: heights above the ellipsoid are needed"

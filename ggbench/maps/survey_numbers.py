@@ -80,7 +80,7 @@ def read_numbers(table: SurveyTable, key: str, column: Column, voids: Sequence[f
     of_marks = ""
     if marks.any():
         examples = ", ".join(sorted({cells[n] for n in np.flatnonzero(marks)})[:3])
-        of_marks = f"undeclared {examples} read as missing values, {marks.sum()} times"
+        of_marks = f"undeclared values {examples} are treated as missing ({marks.sum()} times)"
         written[marks] = np.nan
     return Numbers(factor * written, tuple(filter(None, (of_unit, of_marks))))
 

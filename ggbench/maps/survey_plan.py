@@ -101,9 +101,9 @@ def plan_survey(inputs: SurveyInputs, fit: SurveyFit, request: GridRequest, comm
             }
         ),
         "comment": (
-            "disturbing field of survey lines: without the normal field of WGS84, wavelengths "
-            "longer than the lines, and corrected parts; standard errors exclude the unknown "
-            "constant of each line"
+            "disturbing field from survey lines. It excludes the normal field of WGS84, "
+            "wavelengths longer than the lines, and parts that the survey's corrections removed. "
+            "Standard errors exclude the unknown constant of each line."
         ),
     }
     return Plan((fit.sources,), nodes, attributes, tuple(remarks), errors)

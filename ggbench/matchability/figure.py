@@ -51,11 +51,11 @@ def map_score(scored: Scored, source: str) -> Drawing:
     bar.set_ticks(range(3), labels=GRADES)
     bar.minorticks_off()
     values = _coloured(figure, track, table, "best_track_m", "viridis_r", "RMS position error [m]")
-    track.set_title("a track on its best heading")
+    track.set_title("track error on the best heading")
     _headings(track, table, values)
     percent = table.assign(percent=100.0 * np.maximum(table["false_fix"], _LEAST_SHARE))
     _coloured(figure, doubt, percent, "percent", "magma_r", "probability, at most [%]")
-    doubt.set_title("a match at a wrong place")
+    doubt.set_title("false fix")
     for axis in axes:
         axis.set_xlim(west, east)
         axis.set_ylim(south, north)

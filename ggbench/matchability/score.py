@@ -94,15 +94,15 @@ class Design:
         for what, value, unit in (
             ("side of a cell", self.cell_deg, "°"),
             ("spacing", self.spacing_m, " m"),
-            ("number of readings per km²", self.per_km2, ""),
+            ("number of measurements per km²", self.per_km2, ""),
             ("track", self.track_m, " m"),
             ("deviation of the position", self.sigma_m, " m"),
-            ("distance of a right fix", self.right_m, " m"),
+            ("largest error of a correct fix", self.right_m, " m"),
         ):
             if value is not None and not 0.0 < value < math.inf:
                 raise MapError(f"the {what} is {value:g}{unit} and must be positive and finite")
         if not 2 <= self.readings <= 10_000:
-            raise MapError(f"a track has 2 to 10000 readings, and not {self.readings}")
+            raise MapError(f"a track must have 2 to 10000 measurements, found {self.readings}")
         if self.height_m is not None and not math.isfinite(self.height_m):
             raise MapError(f"the height is {self.height_m:g} m and must be finite")
         if self.right >= self.reach:

@@ -177,7 +177,7 @@ def _evenly(
     if len(pieces) > 1:
         remarks.append(
             f"{len(pieces) - 1} gap{'s' if len(pieces) > 2 else ''} of up to {steps.max():.6g} s: "
-            f"only the longest piece without one is used, {times[rows[0]]:.10g} s to "
+            f"only the longest gap-free piece is used, from {times[rows[0]]:.10g} s to "
             f"{times[rows[-1]]:.10g} s"
         )
     if len(rows) < _FEWEST_SAMPLES:

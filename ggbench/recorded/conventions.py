@@ -108,11 +108,11 @@ def in_words(convention: Convention, instrument: str) -> str:
         changes = ["x and y exchanged"] if convention.turn["x"][0] == "y" else []
         parts.append(f"with {' and '.join([*changes, *(f'{a} reversed' for a in reverse)])}")
     if convention.factor != 1.0:
-        parts.append("in s⁻², 1e9 times too small")
+        parts.append("as values in s⁻² (1 s⁻² = 1e9 E)")
     if convention.lacks == "the normal field":
-        parts.append('of the disturbing field (readings = "disturbing")')
+        parts.append('as values of the disturbing field (readings = "disturbing")')
     elif convention.lacks:
-        parts.append(f"without {convention.lacks}")
+        parts.append("with the mean difference of each channel removed")
     return " and ".join(parts)
 
 

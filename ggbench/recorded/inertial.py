@@ -258,15 +258,15 @@ def force_hint(force: float, period: float, increments: bool) -> str:
     period : interval of the samples [s].
     increments : whether the columns are named as increments.
     """
-    causes = [(1.0, "if it is in g"), (1e3, "if it is in thousandths of g")]
-    causes += [(1e2 * _GRAVITY, "if it is in cm/s²"), (1e6, "if it is in µg")]
+    causes = [(1.0, "the unit may be g"), (1e3, "the unit may be thousandths of g")]
+    causes += [(1e2 * _GRAVITY, "the unit may be cm/s²"), (1e6, "the unit may be µg")]
     other = RATES[3] if increments else DELTAS[3]
     scale, kind = (1.0 / period, "rates") if increments else (period, "increments")
     causes.append(
         (
             scale * _GRAVITY,
-            f"= {force / scale:.3g} {('/' if increments else '×')} {period:.3g} s, if the "
-            f"columns are {kind}: rename them {other} and so on",
+            f"the columns may be {kind} ({force:.3g} = {force / scale:.3g} "
+            f"{('/' if increments else '×')} {period:.3g} s): rename them {other} and so on",
         )
     )
     hints = [hint for scale, hint in causes if 0.8 < force / scale < 1.25]

@@ -55,7 +55,7 @@ def _write(flight: Flight, seed: int, run: int, folder: Path, title: str) -> Non
     spec = load(path)
     times, dt = flight.trajectory.times, flight.trajectory.dt
     increments = {"time_s": times[1:]} | dict(zip(DELTAS, flown.increments.T, strict=True))
-    files.write(folder / "imu.csv", increments, f"increments of the {dt:g} s that end at each time")
+    files.write(folder / "imu.csv", increments, f"increments over the {dt:g} s before each time")
     if len(flown.heights):
         middles = 0.5 * (times[1:] + times[:-1])
         files.write(folder / "altimeter.csv", {"time_s": middles, "height_m": flown.heights})

@@ -111,9 +111,9 @@ def suspicions(
     for label, count in rejected.items():
         if _rejects_most(problem, count):
             yield (
-                f"{label}: {count} of {problem.epochs} measurements rejected: the gate is the "
-                "probability of accepting a correct measurement, usually 0.99, or the records are "
-                "inconsistent"
+                f"{label}: {count} of {problem.epochs} measurements rejected. Check the gate, the "
+                "probability of accepting a correct measurement (usually 0.99). If the gate is "
+                "right, the records are inconsistent"
             )
     beyond = {
         label: differences

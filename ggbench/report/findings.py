@@ -109,8 +109,8 @@ def measured_biases(of: Metrics) -> str:
         return ""
     return (
         f"With a [bias]({BIASES}.md) of 1 E in each measured channel the Gaussian sum's RMS error "
-        f"is {metres(small)} m, with 10 E {metres(biased)} m. With bias states it is "
-        f"{metres(estimated)} m for 10 E."
+        f"is {metres(small)} m. For 10 E it is {metres(biased)} m, or {metres(estimated)} m with "
+        "bias states."
     )
 
 

@@ -171,14 +171,15 @@ def summary(flight: RecordedFlight, estimates: Mapping[str, Estimate]) -> list[s
         parts = []
         if estimate.cov is not None:
             last = float(np.sqrt(np.diag(estimate.cov[-1])[:3].sum()))
-            parts.append(f"position at the end to {short(last)} m (1σ)")
+            parts.append(f"final position σ {short(last)} m")
         differences = residuals(flight.problem, estimate)
         rms = float(np.sqrt(np.nanmean(differences.whitened**2)))
         parts.append(f"RMS of whitened residuals {short(rms)}")
         if flight.reference is not None:
             judged = against(flight.problem, estimate, flight.reference, flight.spec.windows)
             parts += [
-                f"{short(metrics['position_mrse_m'])} m from the reference ({WINDOW_TITLES[name]})"
+                f"RMS position error {short(metrics['position_mrse_m'])} m against the reference "
+                f"({WINDOW_TITLES[name]})"
                 for name, metrics in judged.windows.items()
             ]
         sentences.append(f"{label}: {', '.join(parts)}")
@@ -297,8 +298,8 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
     return [
         "## Against the reference",
         markdown(head, rows),
-        f"RMS errors against {code(flight.spec.reference.file)} at {len(some.times)} of "
-        f"{flight.problem.epochs} epochs: spherical, and of the position in brackets horizontal. "
+        f"RMS spherical errors against {code(flight.spec.reference.file)} at {len(some.times)} of "
+        f"{flight.problem.epochs} epochs. Brackets contain the horizontal position error. "
         f"The NEES uses {what}. It is {some.states} if the estimate is consistent and the "
         "reference is exact. Errors of the reference increase errors and NEES."
         + (f" Caution: {remark}." if remark else ""),

@@ -84,9 +84,9 @@ def _flaw_of_cells(manifest: dict[str, Any]) -> str | None:
     cells = manifest["cells"]
     places = {(cell["assumption"], cell["case"], cell["estimator"]) for cell in cells}
     if len(places) < len(cells):
-        return "its cells have an estimator and case twice"
+        return "its cells contain the same estimator and case twice"
     if len(set(manifest["cases"])) < len(manifest["cases"]):
-        return "its cases have a name twice"
+        return "its list of cases contains a name twice"
     declared = {cell["case"] for cell in cells if not cell["assumption"]}
     if unknown := sorted(declared - set(manifest["cases"])):
         return f"its cells have an unknown case {line_of(unknown[0], 60)}"
@@ -138,16 +138,16 @@ def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
             return f"its {name} is not finite"
     stored = arrays["kept"]
     if len(stored) == 0 or stored.min() < 0 or stored.max() >= len(arrays["times"]):
-        return "its kept names other epochs than there are"
+        return "its array kept contains epochs that do not exist"
     if arrays["present"].min() < 0.0 or arrays["present"].max() > 1.0:
-        return "its present holds more than shares"
+        return "its array present contains values outside 0 to 1"
     if arrays["channels"].min() < 0.0:
-        return "its channels holds less than none"
+        return "its array channels contains negative numbers"
     if "map_vertical" in arrays:
         sides = [arrays.get(f"map_{name}", np.empty(())) for name in ("latitude", "longitude")]
         if any(side.ndim != 1 or side.dtype.kind != "f" for side in sides):
             return "its map has no latitudes or longitudes"
         values = arrays["map_vertical"]
         if values.dtype.kind != "f" or values.shape != (len(sides[0]), len(sides[1])):
-            return "its map has another size than its sides"
+            return "its map does not match the numbers of latitudes and longitudes"
     return None

@@ -50,12 +50,14 @@ class Opponent(_Part):
 
     label: Line = Field(description="The other estimator.")
     role: Role = Field(
-        description="The EKF; the recommended estimator of the case; or, where none is, its best."
+        description="Role of the other estimator: the EKF, the recommended estimator, or the best "
+        "estimator of a case without a recommended estimator."
     )
     runs: NonNegativeInt = Field(description="Runs that both finished.")
     rms_m: Number = Field(description="Its RMS position error in the settled window [m].")
     error_ratio: Number = Field(
-        description="Geometric mean of the scored estimator's error over its error, run by run."
+        description="Geometric mean over the runs of the ratio of the scored estimator's error to "
+        "the other estimator's error."
     )
     lo: Number = Field(description="Lower end of the 95% interval of the ratio.")
     hi: Number = Field(description="Upper end of the 95% interval of the ratio.")
@@ -65,7 +67,10 @@ class Opponent(_Part):
     only_other: NonNegativeInt = Field(
         description="Runs in which the other estimator alone succeeds."
     )
-    verdict: Verdict = Field(description="Verdict on the scored estimator, by Holm over the card.")
+    verdict: Verdict = Field(
+        description="Verdict on the scored estimator. Holm's procedure covers all comparisons of "
+        "the card."
+    )
 
 
 class Question(_Part):
@@ -73,14 +78,19 @@ class Question(_Part):
 
     case: Line = Field(description="Name of the case.")
     title: Line = Field(description="The question in words.")
-    skipped: Line = Field(default="", description="Why the estimator cannot take the case.")
+    skipped: Line = Field(
+        default="", description="Reason why the estimator cannot process the case."
+    )
     runs: NonNegativeInt = Field(default=0, description="Runs that are judged.")
     failed: NonNegativeInt = Field(default=0, description="Runs without an estimate.")
     diverged: NonNegativeInt = Field(
-        default=0, description="Runs that end beyond ten bounds and the INS."
+        default=0,
+        description="Runs whose final position error exceeds ten bounds and the INS's error.",
     )
     lost: NonNegativeInt = Field(
-        default=0, description="Runs that are far off and do not report it."
+        default=0,
+        description="Runs that end outside the required error, with a NEES beyond the 99.9% "
+        "quantile of χ² over the last window.",
     )
     rms_m: Number = Field(default=None, description="RMS position error, settled window [m].")
     rms_lo: Number = Field(default=None, description="Lower end of its 95% interval [m].")
@@ -128,7 +138,7 @@ class CardEstimator(_Part):
     parameters: dict[Line, bool | int | float | Line | None] = Field(description="All parameters.")
     source: Line = Field(description="SHA-256 of its source file.")
     seeks: list[Line] = Field(
-        default_factory=list, description="Names in its source by which truth could be found."
+        default_factory=list, description="Names in the source that may give access to the truth."
     )
 
 
@@ -137,12 +147,14 @@ class Card(_Part):
 
     format: int = Field(description="Version of this format.")
     ggbench: Line = Field(description="Version of ggbench.")
-    results_version: int = Field(description="Version of the numbers that estimators give.")
+    results_version: int = Field(
+        description="Version of the results. It changes if equal runs give different numbers."
+    )
     suite: Line = Field(description="Hash of the suite's content.")
     seed: int = Field(ge=0, le=MOST_SEED, description="Seed of the runs.")
     public: bool = Field(description="Whether the runs are the public ones, whose seed is known.")
     runs: int = Field(ge=1, le=MOST_RUNS, description="Runs flown in each case.")
-    judged: Judged = Field(description="Which of them are judged.")
+    judged: Judged = Field(description="Judged runs: all, or those with odd or even index.")
     estimator: CardEstimator
     questions: list[Question] = Field(min_length=1)
 

@@ -76,8 +76,8 @@ def _changed(before: Question, after: Question) -> Iterator[str]:
         if apart.any():
             first = int(np.argmax(apart))
             yield (
-                f"{apart.sum()} of {len(old)} runs differ, first run {first}: "
-                f"{old[first]:g} m was {new[first]:g} m"
+                f"{apart.sum()} of {len(old)} runs differ; the first is run {first}, with "
+                f"{old[first]:g} m before and {new[first]:g} m now"
             )
             return
         if before.succeeded != after.succeeded:

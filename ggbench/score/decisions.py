@@ -16,10 +16,10 @@ from . import advice as advices
 from .advice import Advice
 
 ESTIMATOR_HEAD = ("estimator", "RMS m", "× oracle", "success", "", "usual ms/run")
-LIMIT_HEAD = ("cause", "bound m", "change")
+LIMIT_HEAD = ("error source", "bound m", "change")
 TRACK_HEAD = ("heading °", "east km", "north km", "bound m")
 LIMITS = "Error sources that limit the accuracy: bound if one source is halved"
-HALVED = "For each cause, truth and model have half the errors."
+HALVED = "Errors of each source are halved in truth and model; the map error is removed."
 _SMALL = 0.005
 """Relative gain of the bound below which a cause does not limit the accuracy."""
 _EFFICIENT = 1.1
@@ -68,8 +68,8 @@ def verdicts(advice: Advice) -> list[str]:
     outside = left_the_map(runs)
     if outside:
         sentences.append(
-            f"Estimates of {', '.join(outside)} left the map, where its border is continued: "
-            "widen the map, or add a sensor that bounds the error, such as a barometer."
+            f"Estimates of {', '.join(outside)} left the map; the field is extrapolated from the "
+            "border. Widen the map, or add a sensor that bounds the error, such as a barometer."
         )
     row = advice.results.cases().iloc[0]
     if math.isfinite(row["width"]):
@@ -84,8 +84,8 @@ def _of_the_ekf(rows: pd.DataFrame) -> str:
     if ratios.empty or not ratios.iloc[0] > _EFFICIENT:
         return ""
     return (
-        f" In these runs the EKF has {columns.efficiency(ratios.iloc[0])} × oracle: the width of "
-        "the prior alone does not decide."
+        f" In these runs the EKF's error is {columns.efficiency(ratios.iloc[0])} times the "
+        "oracle's. Its efficiency does not depend on the width of the prior alone."
     )
 
 
@@ -119,8 +119,9 @@ def instrument(advice: Advice, target_m: float) -> tuple[list[str], bool]:
         )
         return sentences, False
     sentences.append(
-        f"{target_m:g} m need a gradiometer noise of at most {columns.metres(advice.noise)} "
-        f"{advice.unit}, in truth and model, at the rate of the case."
+        f"An RMS error of {target_m:g} m requires a gradiometer noise of at most "
+        f"{columns.metres(advice.noise)} {advice.unit} in truth and model, at the measurement rate "
+        "of the case."
     )
     return sentences, True
 

@@ -12,7 +12,7 @@ import pandas as pd
 from ..errors import brief, line_of
 from ..estimator_spec import shown_names
 from ..figures.card import scorecard
-from ..figures.numbers import some
+from ..figures.numbers import counted, some
 from ..figures.style import Drawing, save
 from ..files import written_whole
 from ..report import columns, tables
@@ -29,7 +29,7 @@ HEAD = (
     "recommended",
     "against the recommended",
 )
-FAILURE_HEAD = ("failure", "runs", "one of them repeated")
+FAILURE_HEAD = ("failure", "runs", "command to repeat the first run")
 PICTURE = "card.png"
 _LONGEST_TEXT = 1000
 MOST_FAILURES = 10
@@ -65,7 +65,7 @@ def headline(card: Card) -> str:
             )
     wrong = [q for q in card.questions if q.consistency in columns.SYMBOLS]
     if wrong:
-        sentences.append(f"Overconfident or unsafe in {len(wrong)}.")
+        sentences.append(f"Overconfident or unsafe in {counted(len(wrong), 'question')}.")
     return " ".join(sentences)
 
 

@@ -72,14 +72,15 @@ def require_within(fields: Sequence[Field], positions: np.ndarray, spec: Traject
             lowest, highest = field.lower[2], field.upper[2]
             heights = field.coordinates(positions)[:, 2]
             below, above = heights < lowest, heights > highest
-            where, cure, share = "above", "fly lower or build it higher", above.mean()
+            where, cure = "above", "fly lower or build the map with higher layers"
+            share = above.mean()
             if below.mean() >= share:
                 where, share = "below", below.mean()
                 follows = any(segment.terrain is not None for segment in spec.segment)
-                cure = "fly higher or build it lower"
+                cure = "fly higher or build the map with lower layers"
                 if field.is_draped:
                     missing = math.ceil(lowest - heights.min())
-                    cure = f"fly {missing} m higher, or build it with a lower --clearance-from"
+                    cure = f"fly {missing} m higher, or build the map with a lower --clearance-from"
                 elif follows:
                     cure = (
                         f"set lowest_m = {math.ceil(lowest)} of the segment, or build the map "

@@ -139,7 +139,7 @@ class GradiometerSpec(PeriodicSpec):
         if self.filter != "none" and self.filter_cutoff_hz >= nyquist:
             raise ValueError(
                 f"filter_cutoff_hz is {self.filter_cutoff_hz:g} Hz and must lie below the Nyquist "
-                f"frequency of the readings, {nyquist:g} Hz (period_s = {self.period_s:g}); "
+                f"frequency of the measurements, {nyquist:g} Hz (period_s = {self.period_s:g}); "
                 'use filter = "none" or a smaller period_s'
             )
         return self

@@ -18,7 +18,7 @@ Schema = dict[str, Any]
 _TEXTS = {
     "title": "Title of the scenario in one line.",
     "description": "Purpose of the scenario; it opens the report.",
-    "notes": "Name of a markdown file next to the scenario, which the report appends.",
+    "notes": "Name of a markdown file in the scenario's folder. The report appends its text.",
 }
 TOP_TEXTS: Schema = {
     "properties": {

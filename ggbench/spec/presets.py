@@ -53,8 +53,8 @@ IMU_GRADES: Mapping[str, Preset] = {
         gyro_noise=0.0001,
         accelerometer_bias=1.0,
         noise=1.0,
-        source=f"biases: {_EL_SHEIMY}, gyros in the middle, accelerometers at the upper end; "
-        "noise: assumed, as in the scenario ship_strategic",
+        source=f"biases: {_EL_SHEIMY}; middle of the range for gyros, upper end for "
+        "accelerometers; noise: assumed, as in the scenario ship_strategic",
     ),
 }
 """Inertial sensors by grade, from the worst to the best."""

@@ -275,7 +275,7 @@ def parse(
     changes = _take_changes(document, "case", origin)
     studies = _take_changes(document, "assumption", origin)
     if len(changes) * (1 + len(studies)) > MOST_POINTS:
-        each = f" ({len(changes)}, also with each of {len(studies)} assumptions)" if studies else ""
+        each = f" ({len(changes)}, repeated with {len(studies)} assumptions)" if studies else ""
         raise ScenarioError(
             f"{origin}: has {len(changes) * (1 + len(studies))} cases{each}; at most {MOST_POINTS} "
             "are allowed"

@@ -264,7 +264,7 @@ class DisturbanceSpec(Section):
                 f', found "{gradiometer.instrument}"'
             )
         if gradiometer.filter != "none" or gradiometer.latency_s > 0.0:
-            return 'needs readings without delay: gradiometer.filter = "none" and no latency_s'
+            return 'needs measurements without delay: gradiometer.filter = "none" and no latency_s'
         if gradiometer.coloured_noise is not None:
             return "needs white noise: gradiometer.coloured_noise must not be given"
         if gradiometer.bias_eotvos > 0.0 or gradiometer.drift_eotvos_per_sqrt_h > 0.0:

@@ -192,9 +192,9 @@ def _doubtful_geoid(fixes: Sequence[Fix], latitude: Array, longitude: Array) -> 
     if abs(float(stated.mean()) - expected) <= _GEOID_DIFFERENCE:
         return ""
     return (
-        f"it states geoid heights of {stated.mean():.0f} m on average, but EGM2008 has "
-        f"{expected:.0f} m: if its heights are not above the ellipsoid already, they are wrong by "
-        "the difference"
+        f"the geoid heights in the file are {stated.mean():.0f} m on average, those of EGM2008 "
+        f"{expected:.0f} m. If the heights in the file are above sea level, the converted heights "
+        "are wrong by the difference"
     )
 
 

@@ -187,7 +187,7 @@ def test_what_an_exception_says_can_be_stored_and_shown(odd):
     The exit code says that no run succeeded.
     """
     reasons = {
-        "speechless": "Mute: (its text cannot be made)",
+        "speechless": "Mute: (message not available: str() failed)",
         "surrogate": r"ValueError: bad \udc80 name \x1b[31m",
         "talkative": "ValueError: xxx",
     }

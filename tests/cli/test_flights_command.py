@@ -158,8 +158,8 @@ def test_the_report_says_what_there_is(tmp_path, log):
     report = (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "<table>" in page and page.count("data:image/png;base64,") == report.count("](figures/")
-    assert "ekf: position at the end to" in done.stdout and "m (1σ)" in done.stdout
-    assert "from the reference" not in done.stdout
+    assert "ekf: final position σ " in done.stdout
+    assert "against the reference" not in done.stdout
     tracks = {
         name: pd.read_csv(tmp_path / "out" / "ekf" / f"{name}.csv")
         for name in ("corrected", "full_rate")

@@ -172,7 +172,7 @@ def test_a_terrain_map_says_all_about_itself(monkeypatch):
         1600,
     )
     assert "longitude: -84.35° to" in output
-    assert "a terrain alone gives the attraction of the ground within it" in output
+    assert "a map from a terrain alone contains only the attraction" in output
     assert "Wrote dem.nc" in output
     with xarray.open_dataset("dem.nc") as data:
         attributes, heights = data.attrs, data["height"].to_numpy()

@@ -358,7 +358,9 @@ def test_a_flight_into_the_ground_or_out_of_a_draped_map_is_refused(tmp_path):
     said = " ".join(done.stderr.split())
     assert done.returncode == 2
     assert "position 45.03000° N, 7.03" in said and "above its base surface, which lies at" in said
-    assert re.search(r"fly \d+ m higher, or build it with a lower --clearance-from", said), said
+    assert re.search(r"fly \d+ m higher, or build the map with a lower --clearance-from", said), (
+        said
+    )
 
 
 @pytest.mark.long
@@ -378,7 +380,7 @@ def test_a_scenario_that_is_begun_runs(tmp_path):
         (["scenario", "a/b"], "'a/b' is not allowed as a name"),
         (["scenario", ""], "'' is not allowed as a name"),
         (["estimator", "2fast"], "'2fast' is not allowed as a name"),
-        (["estimator", "filter.py"], "; .py is added to it; -o DIR chooses"),
+        (["estimator", "filter.py"], "; give the name without .py; -o DIR chooses"),
         (["scenario", "naïve"], "'na\\xefve' is not allowed as a name"),
         (["estimator", "a" * 61], "at most 60"),
         (["estimator", "none"], "None is a Python keyword or a class"),

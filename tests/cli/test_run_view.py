@@ -96,7 +96,7 @@ def test_show_tells_the_run_that_deserves_a_look(folder):
     done = invoke(["show", "after"], folder)
     assert (done.returncode, done.stderr) == (0, "")
     assert "120 results of up to 30 runs per case: 0 failed" in done.stdout
-    assert "the largest error, measured against the median of all runs" in done.stdout
+    assert "ratio of the error to the estimator's median error in its case" in done.stdout
     assert "position error in m against time" in done.stdout
     assert "bound (rms)" in done.stdout and "█" in done.stdout
 

@@ -64,7 +64,7 @@ def test_its_card_is_reproduced_and_no_worse(folder):
         ["score", "my_filter.py", "--check", "changed.json", "-o", "again", "-j", "0"], folder
     )
     assert done.returncode == 1
-    assert "air-narrow: 1 of 20 runs differ, first run 3" in done.stdout
+    assert "air-narrow: 1 of 20 runs differ; the first is run 3" in done.stdout
     changed = json.loads(card.read_text(encoding="utf-8"))
     changed["questions"][0]["rms_m"] *= 0.9
     changed["questions"][1]["against"][0]["verdict"] = "better"

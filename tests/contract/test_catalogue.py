@@ -76,7 +76,7 @@ BROKEN = {
         "            x = x + gain @ y\n",
         "            if not problem.present[k].all():\n                gain = 0.0 * gain\n"
         "            x = x + gain @ y\n",
-        "with readings missing: the mean differs by up to",
+        "with missing measurements: the mean differs by up to",
     ),
     "short": (
         "means, covs = np.array(means), np.array(covs)",
@@ -229,7 +229,7 @@ def test_a_small_difference_is_a_remark_and_a_larger_one_a_mistake(off, passes, 
     (exact,) = [check for check in CHECKS if check.name == "exact"]
     estimator = made(tmp_path, text)
     if passes:
-        assert "exact to 3e-06 posterior standard deviations" in exact.ask(estimator)
+        assert "from the exact one by 3e-06 posterior standard deviations" in exact.ask(estimator)
     else:
         with pytest.raises(Broken, match="correct the estimator"):
             exact.ask(estimator)

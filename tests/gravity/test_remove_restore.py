@@ -198,8 +198,8 @@ def test_the_sea_map_is_refused_where_its_spacing_would_not_do():
         max_height_m=9000.0,
     )
     for change, message in (
-        ({"spacing_arcmin": 2.5}, r"a quarter of that height above sources 9270 m deep"),
-        ({"height_spacing_m": 2000.0}, r"at most 1158\.75 is allowed"),
+        ({"spacing_arcmin": 2.5}, r"a quarter of the height above sources at a depth of 9270 m"),
+        ({"height_spacing_m": 2000.0}, r"1158\.75 .* above half the sources' depth of 9270 m"),
         ({"min_height_m": -10.0}, r"min_height_m = -10.0 .*: 0 to 30000 is allowed"),
         ({"south_deg": 11.0}, r"11\.5 to 22\.5 is allowed"),
     ):

@@ -289,7 +289,7 @@ def test_an_inflated_covariance_loses_the_recommendation():
     assert set(verdict(runs).recommended) == {"ukf", "sum"}
     found = verdict(flown(errors, nees={"ekf": 2.0, "ukf": 2.0, "sum": 2.0}))
     assert found.recommended == ()
-    assert found.reason == "covariances are more than twice too large"
+    assert found.reason == "covariances are more than twice the correct ones"
     # With catastrophes that its covariance covers it is not near the best, either.
     errors["ekf"][::40] *= 1e4
     assert "ekf" not in verdict(flown(errors, nees={"ekf": 3.5})).recommended

@@ -392,7 +392,7 @@ def test_a_map_near_the_edge_of_its_terrain_is_warned_of_what_lies_beyond(folder
     assert "the western edge" in said
     assert f"within {distance / 1e3:.2g} km" in said or "within 0.4" in said
     worth = 2.0 * 6.6743e-11 * 2670.0 * np.std(terrain.height_m) / distance * 1e9
-    found = float(said.split("causes an error of ")[1].split(" E there")[0])
+    found = float(said.split("cause errors of ")[1].split(" E near")[0])
     assert found == pytest.approx(worth, rel=0.1)
 
 

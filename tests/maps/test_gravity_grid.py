@@ -145,7 +145,7 @@ def test_a_header_of_icgem_states_the_functional(functional, tmp_path):
 @pytest.mark.parametrize("kind", ["geoid", "anomaly", "disturbance"])
 def test_a_header_of_icgem_without_a_functional_is_remarked_on(kind, tmp_path):
     silent = write_icgem(tmp_path / "c.gdf", "", "m" if kind == "geoid" else "mgal")
-    assert read_grid(silent, kind).remarks == (f"c.gdf names no functional: read as --{kind}",)
+    assert read_grid(silent, kind).remarks == (f"c.gdf states no functional; --{kind} is assumed",)
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,9 @@ def test_heights_above_the_ground_are_remarked_on(name, tmp_path):
 
 @pytest.mark.parametrize("name", ["Tzz_tc", "gDD_2p67", "Gzz terrain corrected", "Tzz_267"])
 def test_values_corrected_for_terrain_are_remarked_on(name, tmp_path):
-    assert any("corrected for the terrain" in r for r in read(tmp_path, {"VALUE": name}).remarks)
+    assert any(
+        "indicates a terrain correction" in r for r in read(tmp_path, {"VALUE": name}).remarks
+    )
 
 
 def test_a_row_of_units_below_the_names_is_obeyed(tmp_path):

@@ -182,7 +182,9 @@ def test_marks_of_missing_values_that_are_not_declared(mark, tmp_path):
             gdf2(tmp_path, table, separator=" "), DISTURBANCE, quantity="disturbance"
         )
         assert found.dropped == 2 and len(found.values) == COUNT - 2
-        assert any(f"undeclared {mark} read as missing values, 2 times" in r for r in found.remarks)
+        assert any(
+            f"undeclared values {mark} are treated as missing (2 times)" in r for r in found.remarks
+        )
 
 
 @pytest.mark.parametrize("components", [(), ("xx",), ("zz", "xy")])

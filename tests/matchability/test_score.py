@@ -165,7 +165,7 @@ def test_what_the_map_does_not_hold(field, changes, bounds, sentence):
         ({"cell_deg": 0.0}, "the side of a cell is 0° and must be positive"),
         ({"sigma_m": math.inf}, "the deviation of the position is inf m"),
         ({"track_m": -1.0}, "the track is -1 m"),
-        ({"readings": 1}, "a track has 2 to 10000 readings, and not 1"),
+        ({"readings": 1}, "a track must have 2 to 10000 measurements, found 1"),
         ({"right_m": 4500.0}, "below the search radius of 4500 m"),
         ({"height_m": math.nan}, "the height is nan m"),
     ],

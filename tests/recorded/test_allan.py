@@ -115,7 +115,7 @@ BAD = {
     ),
     "forces in g": (
         {"force": 1.0 / 9.80665},
-        r"mean specific force is 0.9\d+ m/s².* check the unit; if it is in g",
+        r"mean specific force is 0.9\d+ m/s².* check the unit; the unit may be g",
     ),
     "a motion": ({"moved": 2.0}, "is not at rest: .* cut the log"),
     "a time that goes back": ({"back": 1000}, "times must increase"),

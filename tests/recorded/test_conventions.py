@@ -129,7 +129,7 @@ def test_a_gate_that_rejects_most_measurements_is_warned_of(log):
     rejected = {"ekf[gate=0.001]": 60}
     assert list(remarks(flight, tight, rejected)) == []
     said = list(suspicions(flight, tight, rejected))
-    assert said[0].startswith("ekf[gate=0.001]: 60 of 60 measurements rejected: the gate is")
+    assert said[0].startswith("ekf[gate=0.001]: 60 of 60 measurements rejected. Check the gate")
     right = estimated(flight, "ekf[gate=0.99]")
     assert list(suspicions(flight, right, {"ekf[gate=0.99]": count})) == []
 

@@ -167,7 +167,7 @@ def test_lost_samples_are_skipped_and_said(share, plain, tmp_path):
 def test_of_a_log_with_a_gap_the_longest_piece_is_used(tmp_path):
     kept = np.r_[0:1000, 1500:COUNT]
     result = run(log(tmp_path / "a.csv", VALUES[kept], TIMES[kept]))
-    assert "1 gap of up to 10.02 s: only the longest piece" in result.stdout
+    assert "1 gap of up to 10.02 s: only the longest gap-free piece" in result.stdout
     alone = log(tmp_path / "b.csv", VALUES[1500:], TIMES[1500:])
     assert tomllib.loads(result.stdout)["imu"] == keys(alone)
     kept = np.r_[0:900, 1500:2400]
@@ -185,12 +185,12 @@ def test_stamps_that_jitter_lose_nothing(plain, tmp_path):
 def test_increments_under_names_of_rates_are_named_and_the_reverse(tmp_path):
     increments = log(tmp_path / "a.csv", PERIOD * VALUES)
     said = run(increments, code=2).output
-    assert "= 9.8 × 0.02 s, if the columns are increments: rename them delta_velocity" in said
+    assert "increments (0.196 = 9.8 × 0.02 s): rename them delta_velocity" in said
     rates = log(tmp_path / "b.csv", VALUES, names=("time_s", *DELTAS))
     said = run(rates, code=2).output
-    assert "= 9.8 / 0.02 s, if the columns are rates: rename them specific_force" in said
+    assert "rates (490 = 9.8 / 0.02 s): rename them specific_force" in said
     in_g = log(tmp_path / "c.csv", np.hstack([GYROS, FORCES / 9.80665]))
-    assert "if it is in g" in run(in_g, code=2).output
+    assert "the unit may be g" in run(in_g, code=2).output
 
 
 def test_a_flight_of_increments_under_names_of_rates_is_named(tmp_path):
@@ -206,12 +206,12 @@ def test_a_flight_of_increments_under_names_of_rates_is_named(tmp_path):
 
     edit_rows(path.parent / "imu.csv", as_rates)
     with pytest.raises(
-        FlightError, match=r"in g, or = 9\.\d+ × 0\.1 s, if the columns are increments"
+        FlightError, match=r"be g, or the columns may be increments \(0\.9\d+ = 9\.\d+ × 0\.1 s\)"
     ):
         read_flight(path)
     path = recorded(tmp_path / "other", GNSS_ONLY)
     edit_rows(path.parent / "imu.csv", divided)
-    with pytest.raises(FlightError, match=r"= 9\.\d+ / 0\.1 s, if the columns are rates"):
+    with pytest.raises(FlightError, match=r"may be rates \(9\d\.\d = 9\.\d+ / 0\.1 s\)"):
         read_flight(path)
 
 

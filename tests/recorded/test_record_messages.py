@@ -222,7 +222,7 @@ ROWS = {
         "gradiometer",
         "gradiometer",
         with_zeros([3], -9999.0),
-        "are all -9999, in 1 of",
+        "are all -9999, a code for missing values (in 1 of",
     ),
     "reference of another day": (
         "solution",
@@ -235,7 +235,7 @@ ROWS = {
         "increments",
         "imu",
         scaled(1 / 9.80665, *(f"delta_velocity_{a}_mps" for a in "xyz")),
-        "if it is in g",
+        "the unit may be g",
     ),
     "gyros in degrees": (
         "increments",

@@ -174,11 +174,11 @@ MANIFESTS: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     },
     "a cell twice": (
         lambda held: held["cells"].append(held["cells"][0]),
-        "have an estimator and case twice",
+        "contain the same estimator and case twice",
     ),
     "a case twice": (
         lambda held: held["cases"].append(held["cases"][0]),
-        "its cases have a name twice",
+        "its list of cases contains a name twice",
     ),
     "a cell of an unknown case": (
         lambda held: held["cells"][0].update(case="x"),

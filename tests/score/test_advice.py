@@ -182,7 +182,7 @@ def test_estimates_that_leave_the_map_are_in_the_advice_with_the_remedy(found):
 def test_an_ekf_is_not_called_efficient_against_its_own_runs(found):
     """Whatever the width of the prior says."""
     said = sentences_of(found, metrics={"efficiency": 1.58})
-    assert "In these runs the EKF has 1.58 × oracle" in said
+    assert "In these runs the EKF's error is 1.58 times the oracle's." in said
     assert "In these runs" not in sentences_of(found, metrics={"efficiency": 1.02})
 
 
@@ -192,7 +192,7 @@ def test_the_command_says_what_to_use_and_what_limits(tmp_path):
     done = invoke(command, tmp_path, columns=120)
     assert done.returncode == 1, done.stderr
     best = "In flight: no estimator is recommended: 4 runs are fewer than 40; the least bad is"
-    both = "For each cause, truth and model have half the errors."
+    both = "Errors of each source are halved in truth and model; the map error is removed."
     for words in (
         best,
         "After landing: ",

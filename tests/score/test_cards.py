@@ -124,7 +124,7 @@ def test_every_edit_of_a_card_is_found(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"factor": 1.001}, "air-narrow: 40 of 40 runs differ, first run 0"),
+        ({"factor": 1.001}, "air-narrow: 40 of 40 runs differ; the first is run 0"),
         ({"suite": "xy"}, "suite was 'ab' and is 'xy'"),
         ({"questions": card().questions[:1]}, "ship-narrow: not flown"),
         (

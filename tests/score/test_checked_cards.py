@@ -75,7 +75,7 @@ def test_the_page_has_the_figures_of_the_new_flights(folder, monkeypatch):
     data = json.loads(text.split('id="data">')[1].split("</script>")[0])
     assert set(data["tables"]) == {"standings", "questions"}
     assert data["columns"]["questions"]["form"] == "count"
-    assert "2 cards, each flown again" in text
+    assert "2 cards. The runs of each card were repeated" in text
     assert "edited.json" in text and "rms_m was" in text
 
 

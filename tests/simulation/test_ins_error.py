@@ -128,6 +128,6 @@ def test_validate_says_how_far_the_ins_errs_and_advises_the_closed_loop(tmp_path
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stdout.split())
     errs = r"unaided INS error up to \d+ k?m horizontally and [\d.]+ k?m in height \(1 σ\)"
-    advice = r"; from \d+ s on its second-order part exceeds 3 m, .*: use closed-loop "
+    advice = r"; after \d+ s the second-order part of the INS error exceeds 3 m.*: use closed-loop "
     found = re.search(f"INS in cheap: {errs}{advice}INS in tactical: {errs} Readings", said)
     assert found, said

@@ -365,7 +365,7 @@ BAD = {
             "field.gravity_disturbance": True,
             "field.source": "egm2008_qinling",
         },
-        "needs readings without delay",
+        "needs measurements without delay",
     ),
     "a bias that decays within the latency": (
         {"imu.gyro_bias_time_s": 5.0, LATE: 5.1},

@@ -146,6 +146,6 @@ def test_empty_elements_that_the_standard_allows_are_left_out():
 @pytest.mark.parametrize(("stated", "is_doubtful"), [("0.0", True), ("44.0", False)])
 def test_geoid_heights_far_from_those_of_a_model_are_remarked_on(stated, is_doubtful):
     rows = rows_of(with_cells(",46.5,M,", f",{stated},M,"))
-    assert ("EGM2008 has 47 m" in rows.remark) is is_doubtful
+    assert ("those of EGM2008 47 m" in rows.remark) is is_doubtful
     text = gpx().replace(f"<geoidheight>{46.5}", f"<geoidheight>{stated}")
-    assert ("EGM2008 has 47 m" in rows_of(text.encode()).remark) is is_doubtful
+    assert ("those of EGM2008 47 m" in rows_of(text.encode()).remark) is is_doubtful

@@ -59,7 +59,7 @@ def test_the_command_says_what_was_made_of_the_heights(text, said, tmp_path):
     path.write_text(f'{SMALL[:start]}[trajectory]\nfile = "{track}"\n\n{SMALL[end:]}')
     result = CliRunner().invoke(main, ["validate", str(path)])
     assert result.exit_code == 0, result.output
-    assert result.output.count("Note: of the track, its heights are above sea level") == said
+    assert result.output.count("Note on the track: its heights are above sea level") == said
 
 
 def test_the_geoid_is_egm2008():
