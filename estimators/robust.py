@@ -37,7 +37,7 @@ class RobustLoss(Estimator):
     def limit(self) -> float:
         """Threshold of the loss [standard deviations of the noise].
 
-        It is the default of the loss if ``threshold`` is None.
+        If ``threshold`` is None, it is the default threshold of the chosen loss.
         """
         return THRESHOLDS[self.loss] if self.threshold is None else self.threshold
 

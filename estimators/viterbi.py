@@ -15,8 +15,8 @@ drift. Attitude, gradiometer biases and all other states are treated as noise.
 The resolution is one cell. A precise gradiometer may resolve much less than a cell. Then the
 estimate is as coarse as the cells, and the variation of the field within a cell adds to the noise.
 A filter of all states is then better. In test runs this method found the position from kilometres
-away, whereas a single Kalman filter did not. Its error was several times that of a filter bank of
-all states.
+away, whereas a single Kalman filter did not. Its error was several times that of a bank of
+filters that estimate all states.
 """
 
 from __future__ import annotations

@@ -133,9 +133,9 @@ def shortfalls(
 ) -> tuple[Shortfall, ...]:
     """Return the shortfalls of the margins inside a map: at most one horizontal and one vertical.
 
-    They are the largest shortfall at the four sides, and the largest one at the lowest and highest
-    layer. With GNSS positions no margin counts as too narrow. With a barometer no height margin
-    counts as too narrow.
+    The required margin is three standard deviations of the INS error. Of the four sides the largest
+    shortfall is returned, and likewise of the lowest and highest layers. With GNSS positions
+    no margin counts as too narrow. With a barometer no height margin counts as too narrow.
     """
     aided: set[str] = set()
     for sensor in case.side("truth").sensor.values():

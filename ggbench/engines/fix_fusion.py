@@ -28,8 +28,8 @@ class PropagatedEstimate:
 
     Attributes
     ----------
-    mean, cov : (K, n), (K, n, n) estimates, filled up to the latest epoch that was requested or
-        set.
+    mean, cov : (K, n), (K, n, n) estimates. They are valid up to the latest epoch that
+        was requested with ``at`` or set with ``put``.
     """
 
     def __init__(self, problem: Problem) -> None:

@@ -15,7 +15,10 @@ _NORMS = np.sqrt([1.0, 1.0, 2.0, 6.0, 24.0, 120.0, 720.0])
 
 
 def bending(weights: np.ndarray, drawn: np.ndarray, read: np.ndarray) -> float:
-    """Return the nonlinear part of h over a cloud: the residual variance of a linear regression.
+    """Return a measure of the nonlinearity of h over a cloud of particles.
+
+    It is the largest residual variance, over the channels, of a weighted linear regression of the
+    predicted measurements on the states.
 
     Parameters
     ----------

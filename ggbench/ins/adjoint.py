@@ -331,8 +331,9 @@ def propagate(
 def forward(f: np.ndarray, columns: np.ndarray, terms: np.ndarray) -> None:
     """Propagate C columns (C, 15, LANES) over an interval, y ← exp(Fᵀ dt) y, without noise.
 
-    ``f`` is F dt from :func:`scaled_entries`. If dt is positive, y is propagated backwards in time.
-    If dt is negative, y is propagated forwards. ``terms`` is scratch from :func:`series_terms`.
+    ``f`` is F dt from :func:`scaled_entries`. A column y is a row of the transition
+    matrix. A positive dt propagates y from the end of the interval to its start, a negative dt from
+    the start to the end. ``terms`` is scratch from :func:`series_terms`.
     """
     for i in range(columns.shape[0]):
         _series(f, columns, i, terms)

@@ -161,9 +161,9 @@ def narrow_prior(of: Metrics) -> str:
     found = span(f"{min(ratios):.3f}", f"{max(ratios):.3f}")
     apart = max(abs(other - 1.0) for other in others)
     return (
-        f"With a narrow prior and the right model use the EKF: its RMS error is {found} times that "
-        f"of an efficient filter ([oracle](definitions.md)). The errors of the UKF and the "
-        f"Gaussian sum are within {apart:.1%} of the EKF's."
+        "With a prior below 0.05 correlation lengths and the right model use the EKF: its RMS "
+        f"error is {found} times that of an efficient filter ([oracle](definitions.md)). The "
+        f"errors of the UKF and the Gaussian sum are within {apart:.1%} of the EKF's."
     )
 
 

@@ -14,11 +14,7 @@ from ..judging.summary import SMOOTHERS
 from . import columns, tables
 
 CAPTION = "League of the estimators"
-EXPLANATION = (
-    "Upper cells: RMS error divided by the oracle's, or by the bound if the model is wrong. Row "
-    "titles: filter bound. Lost: share of lost runs, if above half. Lower panel: share of "
-    "cases with an error up to x times the best filter's."
-)
+EXPLANATION = "Lower panel: share of cases with an RMS error up to x times the best filter's."
 """Words below the figure."""
 
 

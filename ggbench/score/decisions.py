@@ -104,8 +104,9 @@ def limit_rows(advice: Advice) -> list[tuple[str, ...]]:
 def instrument(advice: Advice, target_m: float) -> tuple[list[str], bool]:
     """Return sentences on the required gradiometer noise, and whether the target is reachable.
 
-    The target is ``target_m``, the required RMS position error [m]. It is reachable if some
-    gradiometer noise, or the present sensors, give a bound of at most ``target_m``.
+    The target is ``target_m``, the required RMS position error [m]. It is reachable if a
+    noise level of the gradiometer exists at which the bound is at most ``target_m``. In a case
+    without a gradiometer, the bound with the present sensors decides.
     """
     sentences = []
     if advice.bound_m <= target_m:

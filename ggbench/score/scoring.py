@@ -67,16 +67,17 @@ def score(
 ) -> Score:
     """Run an estimator on the suite and return the score.
 
-    Raise GGBenchError if the estimator or a case does not exist, the estimator refuses all cases,
-    or the stored runs have another version.
+    The estimator is compared with opponents: the EKF, and the recommended or best estimator of each
+    case. Raise GGBenchError if the estimator or a case does not exist, the estimator refuses all
+    cases, or the stored runs come from another suite or results version.
 
     Parameters
     ----------
     estimator : text of the estimator, ``NAME[parameter=value,...]``.
     folder : results folder; runs that it contains are not repeated.
     runs : number of runs of each case, by default as many as are stored with the suite.
-    seed : seed of the runs, by default the public seed. With another seed the opponents are run
-        too.
+    seed : seed of the runs, by default the public seed. With it, stored runs of the
+        opponents are used; with another seed, they are run too.
     judged_runs : runs to evaluate: all, or those with odd or even index.
     cases : names of the cases to run, by default all.
     jobs : number of worker processes, by default one for each processor.

@@ -48,8 +48,8 @@ class Flight:
         gradiometer.
     measured : (G, g) measured gradients [E] of the g channels at these times, NaN if missing; None
         if measurements are simulated.
-    measured_errors : errors of measured gravity [mGal], NaN if missing. Each gravimeter with
-        measured data has an array (G,) under its name. G is the number of its measurements.
+    measured_errors : errors of measured gravity [mGal] relative to the true field, by name of the
+        gravimeter: an element for each of its measurements, NaN if missing.
     """
 
     case: CaseSpec

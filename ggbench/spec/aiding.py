@@ -27,15 +27,15 @@ class Interruptions(Section):
     outlier_share: q.Share = 0.0
     """Probability that a measurement of a channel is an outlier; needs the size of outliers."""
     dropout_share: q.Share = 0.0
-    """Probability that a measurement (all channels) is missing. Not with a filtered gradiometer."""
+    """Probability that a measurement (all channels) is missing. Not for a filtered gradiometer."""
     dropouts_s: Listed[Interval] = ()
-    """Intervals `[from, to]` without measurements. Not with a filtered gradiometer."""
+    """Intervals `[from, to]` without measurements. Not for a filtered gradiometer."""
     duty_on_s: q.Duty = 0.0
     """Duty cycle: duration of measurements; the first starts with the flight. Needs
     `duty_off_s`.
     """
     duty_off_s: q.Duty = 0.0
-    """Duty cycle: duration of the gap that follows. Not with a filtered gradiometer."""
+    """Duty cycle: duration of the gap that follows. Not for a filtered gradiometer."""
 
     @model_validator(mode="after")
     def _check(self) -> Interruptions:

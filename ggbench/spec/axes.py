@@ -91,8 +91,8 @@ class SweepSpec(Section):
 
     axis: Listed[AxisSpec] = ()
     targets_m: Listed[q.PositionTarget] = ()
-    """Target position errors. For each the report gives the value of the first axis that reaches
-    it.
+    """Target position errors. For each target the report gives the value on the first axis at
+    which the error reaches it.
     """
 
     @model_validator(mode="after")

@@ -48,9 +48,8 @@ class TrajectorySpec(Section):
     longitude_deg: q.Longitude | None = None
     """Longitude at the start; must be given with segments."""
     height_m: q.Height | None = None
-    """Height at the start, above the ellipsoid; must be given with segments.
-
-    Without it: the lowest height that clears the terrain, if `terrain-following` comes first.
+    """Height at the start, above the ellipsoid. With segments it may be omitted only if
+    `terrain-following` comes first: the default is then the lowest height that clears the terrain.
     """
     speed_mps: q.Speed | None = None
     """Speed at the start, along the path; must be given with segments."""

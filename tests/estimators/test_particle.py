@@ -439,7 +439,7 @@ def test_readings_that_bend_with_other_states_are_refused():
     for problem, reason in (
         (simulated("0.01E-1Hz")[0], "measures at an earlier position"),
         (simulate(small_flight(strapdown), 1, 0)[0], "depend nonlinearly on attitude"),
-        (linear_problem(0), "not for LinearModel"),
+        (linear_problem(0), "not in LinearModel"),
     ):
         assert reason in refusal("rao-blackwellised", problem)
         assert estimator("particle").skip(problem) is None

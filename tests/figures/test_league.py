@@ -75,7 +75,7 @@ def test_the_corner_says_what_a_cell_is_and_blocks_have_names():
     """Of flights that are aided in flight alone no block is named."""
     grid, _ = drawn().axes
     key, *blocks = grid.texts[TEXTS.size :]
-    assert "RMS error over the oracle" in key.get_text() and "unsafe" in key.get_text()
+    assert "RMS error / oracle's error" in key.get_text() and "unsafe" in key.get_text()
     places = {text.get_text(): text.get_position()[0] for text in blocks}
     assert places == pytest.approx({"in flight": 1.0, "after landing": 3.35})
     grid, _ = drawn(smoothers=0).axes

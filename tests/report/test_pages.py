@@ -164,7 +164,7 @@ def test_the_suite_is_answered_by_its_league(output, monkeypatch):
         and "recommended" in picture.figure.legends[0].get_texts()[-5].get_text()
     )
     text = markdown_page.text(results, picture, output / "league", "")
-    assert "Lost: share of lost runs, if above half" in text
+    assert "Lower panel: share of cases with an RMS error up to x" in text
     results.store.close()
 
 
