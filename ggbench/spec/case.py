@@ -39,6 +39,7 @@ from .sensors import (
     FieldSpec,
     ImuSpec,
     InitialErrorSpec,
+    MapErrorChange,
     MapErrorSpec,
     ModelSpec,
     Side,
@@ -49,6 +50,7 @@ from .trajectory import TrajectorySpec
 from .validation_messages import ScenarioError, validate
 
 CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=60)]
+_MAP_ERROR_DEFAULTS = MapErrorSpec().model_dump()
 _FIRST_REGULARIZATION = 1e-6
 """The whitening_regularization of cases that name none, for their identity."""
 MOST_SAMPLES = 2_000_000
@@ -354,7 +356,7 @@ class CaseSpec(WithSensors):
         tables = sensors_of(self).items()
         return [name for name, spec in tables if getattr(spec, "readings", "") == "measured"]
 
-    def map_errors(self) -> dict[str, MapErrorSpec]:
+    def map_errors(self) -> dict[str, MapErrorSpec | MapErrorChange]:
         """Return the tables of map errors that the case states, by side.
 
         The side is ``truth`` for ``[truth.field.error]`` and ``model`` for ``[model.field.error]``.
@@ -419,6 +421,12 @@ class CaseSpec(WithSensors):
         """SHA-256 of all keys that affect results: all except name, title and reference."""
         # Without defaults, so that a key that is new in a later version changes nothing.
         content = self.model_dump(exclude={"name", "title", "reference"}, exclude_defaults=True)
+        # Without [field.error] a side's key that has its default value changes nothing.
+        for side, error in self.map_errors().items() if self.field.error is None else ():
+            stated = error.model_dump(exclude_none=True).items()
+            content[side]["field"]["error"] = {
+                key: value for key, value in stated if value != _MAP_ERROR_DEFAULTS[key]
+            }
         # A default that was another in an earlier version is named where it has an effect.
         if self.gradiometer is not None:
             content["gradiometer"].pop("whitening_regularization", None)
@@ -435,8 +443,12 @@ def _of_run(case: CaseSpec, run: int) -> CaseSpec:
         "draw": DrawSpec(name=case.draw.name),
         "trajectory": drawn_track(case.trajectory, case.draw, run),
     }
-    for side, error in case.map_errors().items() if case.draw.maps > 1 else ():
-        seeded = error.model_copy(update={"seed": error.seed + run % case.draw.maps})
+    errors: Mapping[str, Any] = case.map_errors() if case.draw.maps > 1 else {}
+    for side, error in errors.items():
+        if error.seed is None and "" in errors:
+            continue  # the side has the seed of [field.error]
+        first = _MAP_ERROR_DEFAULTS["seed"] if error.seed is None else error.seed
+        seeded = error.model_copy(update={"seed": first + run % case.draw.maps})
         tables = getattr(case, side) if side else case
         field = tables.field.model_copy(update={"error": seeded})
         change[side or "field"] = tables.model_copy(update={"field": field}) if side else field

@@ -27,7 +27,7 @@ class ImuSpec(Section):
     """``[imu]``: the inertial sensors. A bias with a time constant is a Gauss–Markov process."""
 
     grade: Grade | None = None
-    """Preset of biases and noise. It sets the four keys unless the table gives them."""
+    """Preset of biases and noise. It sets each of the four keys that the table omits."""
     period_s: q.SamplePeriod
     """Time between samples; the period of every other sensor is a whole multiple of it."""
     gyro_bias_deg_per_h: q.GyroBias
@@ -136,7 +136,7 @@ class InitialErrorChange(Section):
 
 
 class MapErrorSpec(Section):
-    """``[field.error]``: errors of a map; truth and model can replace single keys."""
+    """``[field.error]``: errors of a map, shared by truth and model."""
 
     resolution_km: q.Wavelength | None = None
     """Standard deviation of a horizontal Gaussian that smooths the map."""
@@ -150,6 +150,11 @@ class MapErrorSpec(Section):
     """Distance at which the correlation of this field is 1/e."""
     seed: Annotated[int, Field(ge=0, le=2**31)] = 1
     """Seed of the noise: the errors are the same in all runs."""
+
+
+@changes(MapErrorSpec)
+class MapErrorChange(Section):
+    """Changes of `[field.error]` for the truth or for the model."""
 
 
 class FieldSpec(Section):
@@ -188,9 +193,11 @@ class FieldSpec(Section):
     error: MapErrorSpec | None = None
 
 
-@changes(FieldSpec, but=("gravity_disturbance",))
+@changes(FieldSpec, but=("gravity_disturbance", "error"))
 class FieldChange(Section):
     """``[truth.field]``, ``[model.field]``: field of the truth or of the model."""
+
+    error: MapErrorChange | None = None
 
 
 class TrueField(FieldChange):
@@ -213,7 +220,8 @@ class ModelField(FieldChange):
     standard_error: bool = False
     """Whether the standard error of the map is added to the white noise of each channel.
 
-    Maps made from survey lines state a standard error. Needs a `"local-level"` gradiometer.
+    Most gradient maps made from survey lines state a standard error. Needs a `"local-level"`
+    gradiometer.
     """
 
 

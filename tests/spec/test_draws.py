@@ -89,6 +89,30 @@ def test_map_errors_are_those_of_consecutive_seeds(side):
         assert own.trajectory == case.trajectory
 
 
+@pytest.mark.parametrize("stated", [None, 2])
+def test_a_side_has_the_drawn_seed_of_both_unless_it_states_one(stated):
+    changes = MAPS | {"field.source": "any.nc", "model.field.error.resolution_km": 0.2}
+    if stated is not None:
+        changes["model.field.error.seed"] = stated
+    case = small_case(changes)
+    for run in range(4):
+        errors = [case.of_run(run).side(side).field.error for side in ("truth", "model")]
+        assert [error.seed for error in errors] == [7 + run % 3, (stated or 7) + run % 3]
+        assert [error.resolution_km for error in errors] == [None, 0.2]
+        assert errors[1].density_factor == 1.1
+
+
+def test_a_side_may_have_no_error_of_a_kind_that_both_have():
+    """A value that a table has by default replaces another one, too."""
+    changes = {"field.error.white_noise_eotvos": 2.0, "model.field.error.white_noise_eotvos": 0.0}
+    case = small_case(changes | {"field.source": "any.nc"})
+    noise = [case.side(side).field.error.white_noise_eotvos for side in ("truth", "model")]
+    assert noise == [2.0, 0.0]
+    same = changes | {"model.field.error.density_factor": 1.0}
+    del same["model.field.error.white_noise_eotvos"]
+    assert small_case(same | {"field.source": "any.nc"}).content_hash != case.content_hash
+
+
 @pytest.mark.parametrize(
     ("changes", "clusters"),
     [
