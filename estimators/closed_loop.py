@@ -46,8 +46,8 @@ class ClosedLoop(Estimator):
         """Return a reason to skip the problem if it has no inertial measurements, else None."""
         if problem.replay is None:
             return (
-                "feedback needs inertial measurements; a delayed or filtered gradiometer, or an "
-                "INS that integrates gradients, is not supported"
+                "feedback needs inertial measurements; a delayed or filtered gradiometer, coloured "
+                "noise, or an INS that integrates gradients, is not supported"
             )
         return None
 

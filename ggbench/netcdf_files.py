@@ -137,7 +137,8 @@ def _way_out(content: mmap.mmap) -> str:
     heaps = _addresses(content, b"HEAP", base)
     if len(heaps) > _MOST_HEAPS:
         raise ValueError(
-            f"its {len(heaps)} groups are too many to search for values in other files"
+            f"its {len(heaps)} groups are too many to search for values in other files (at most "
+            f"{_MOST_HEAPS}): copy its variables into one file with fewer groups"
         )
     for address in heaps:
         for at in _places(content, address, 8):

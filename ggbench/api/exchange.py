@@ -213,7 +213,8 @@ def require_causal(stored: Sequence[StoredRuns], cut: Sequence[StoredRuns]) -> N
     if not compared:
         raise ExchangeError(
             "the complete and the cut estimates have no common run with common epochs: export "
-            "both problems with the same case and seed"
+            "both problems by the same version with the same case and seed, and with --until "
+            "later than the lag"
         )
 
 

@@ -51,7 +51,7 @@ def cards(
     """Repeat the runs of the score cards in DIR and write a page of the reproduced cards.
 
     The page shows the numbers of the new runs. Cards of installed estimators are always repeated.
-    A card of a .py file is repeated only if -e gives this file.
+    A card of a .py file is repeated only if -e gives this file: a card alone never runs code.
 
     Exit code 1 if a card is not reproduced.
     """

@@ -65,7 +65,7 @@ def draped_flight(
     TrajectoryError
         If the terrain cannot be read or does not cover the map.
     """
-    room = f"the flight of {_DURATION_S:g} s covers {_SHARE:g} of the map's shorter side"
+    room = f"a flight of {_DURATION_S:g} s may cover at most {_SHARE:g} of the map's shorter side"
     speed = at_most(_fastest(nodes), _SPEEDS_MPS[0], room)
     lowest, highest = float(nodes.height_m[0]), float(nodes.height_m[-1])
     needed = []

@@ -297,8 +297,8 @@ def _layers_for(options: dict[str, Any], inputs: Any) -> Any:
         return None
     if _stated_layers(options):
         raise MapError(
-            "--clearance cannot be given with --clearance-from and --clearance-to: each "
-            "determines the layers of --drape."
+            "--clearance cannot be given with --clearance-from or --clearance-to: both "
+            "determine the layers of --drape."
         )
     return lambda nodes, zero_level: needed_layers(nodes, terrain, clearance, zero_level)
 

@@ -256,7 +256,7 @@ def _flight_over(own_map: Path, terrain: Path | None, clearance: float, pace: Pa
     metres = metres_per_radian(np.array([math.radians(latitude), 0.0, lowest]))
     per_north, per_east = (math.radians(1.0) * length for length in metres)
     side = min((north - south) * per_north, (east - west) * per_east)
-    room = f"the flight of {_FLIGHT_S:g} s covers 0.4 of the map's shorter side"
+    room = f"a flight of {_FLIGHT_S:g} s may cover at most 0.4 of the map's shorter side"
     usual = 250.0 if terrain is None else 60.0
     speed = pace.at_most(0.4 * side / _FLIGHT_S, usual, room)
     start = longitude - 0.5 * _FLIGHT_S * speed / per_east

@@ -91,7 +91,7 @@ def score(
     the command writes card.json, card.md, card.html and card.png.
 
     The command runs the code of the ESTIMATOR. With --check it may be omitted if the estimator of
-    the card is installed.
+    the card is installed: a card alone never runs code.
 
     Exit code 1 if a card is not reproduced or is significantly worse than an older one.
     """

@@ -59,7 +59,7 @@ _OPTIONS = (
         "--depth",
         type=click.FloatRange(0, min_open=True),
         help="Depth of the point masses below the flights [m]. By default "
-        "cross-validation over the lines chooses depth, spacing and damping.",
+        "cross-validation over the lines chooses depth and damping; the spacing follows.",
     ),
     click.option(
         "--source-spacing",

@@ -28,8 +28,8 @@ class PropagatedEstimate:
 
     Attributes
     ----------
-    mean, cov : (K, n), (K, n, n) estimates. They are valid up to the latest epoch that
-        was requested with ``at`` or set with ``put``.
+    mean, cov : (K, n), (K, n, n) estimates. They are valid up to the last epoch that was
+        set with ``put``, or requested with ``at`` since then.
     """
 
     def __init__(self, problem: Problem) -> None:

@@ -312,10 +312,10 @@ class _Series:
         else:
             raise TerrainError(
                 f"Parker's series has an error of {remainder:.2g} E after {_MOST_ORDERS} orders; "
-                f"at most {CONVERGED:g} E is allowed. Raise the lowest height from "
-                f"{self._lowest_level - self._highest:.3g} m to about "
-                f"{_CLEARANCE_PER_HALF_RELIEF * half:.3g} m above the highest ground of "
-                f"{self._name}."
+                f"at most {CONVERGED:g} E is allowed. The lowest height is "
+                f"{self._lowest_level - self._highest:.3g} m above the highest ground of "
+                f"{self._name}: raise it; about {_CLEARANCE_PER_HALF_RELIEF * half:.3g} m or "
+                "somewhat more is needed."
             )
         self.orders = n
 

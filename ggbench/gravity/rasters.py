@@ -257,7 +257,7 @@ def _from_projected(
     shape = (int((north - south) / latitude_step) + 1, int((east - west) / longitude_step) + 1)
     if not (south < north and west < east and min(shape) >= FEWEST_NODES):
         raise TerrainError(
-            f"{path.name} is in a projection, and no latitude-longitude grid of at least "
+            f"{path.name} is not on WGS 84, and no latitude-longitude grid of at least "
             f"{FEWEST_NODES} x {FEWEST_NODES} nodes fits inside it: warp it to EPSG:4326 with "
             "gdalwarp."
         )

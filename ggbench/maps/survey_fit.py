@@ -134,7 +134,7 @@ def _folds(lines: SurveyLines) -> list[list[int]]:
     others = [i for i, kind in enumerate(lines.kinds) if kind != TIE]
     if len(others) < 2:
         raise MapError(
-            f"the survey has {len(others)} lines that are not tie lines; at least 2 are needed: "
+            f"lines other than tie lines: {len(others)}; at least 2 are needed: "
             "they are held back in turn to choose the settings and to estimate the standard error."
         )
     return [others[first::FOLDS] for first in range(min(FOLDS, len(others)))]

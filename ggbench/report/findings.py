@@ -261,7 +261,7 @@ def gravity(of: Metrics) -> str:
 
 
 def one_filter(of: Metrics) -> str:
-    """Return the finding that one filter is safe in all cases of the suite.
+    """Return the finding that one filter is consistent in nearly all cases of the suite.
 
     The filter must be consistent or conservative in at least 90% of the cases. In every case its
     RMS error must be at most 1.5 times that of a filter with the right model.

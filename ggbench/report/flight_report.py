@@ -189,7 +189,7 @@ def summary(flight: RecordedFlight, estimates: Mapping[str, Estimate]) -> list[s
 def _what_there_is(flight: RecordedFlight) -> str:
     """Return a sentence on the flight and a table of its measurements, as markdown."""
     problem, spec = flight.problem, flight.spec
-    kind = "INS solution" if spec.ins else "inertial increments"
+    kind = "INS solution" if spec.ins else "inertial measurements, mechanised by ggbench"
     assert problem.map is not None  # a recorded flight has one, be it the normal field's
     has_map = "with a map" if np.isfinite(problem.map.lower).all() else "without a map"
     rows = []
@@ -262,10 +262,10 @@ def _estimators(
     ]
     return (
         markdown(head, rows)
-        + "\n\nFor a consistent filter the mean NIS equals the mean number of measured channels. "
-        "Its residuals are whitened innovations with an RMS of 1. For other estimators, residuals "
-        "are those of the estimate, divided by the noise. Their RMS is below 1 for a smoother, "
-        "because its estimates use the measurement."
+        + "\n\nFor a consistent filter the mean NIS is about the mean number of measured channels. "
+        "Its residuals are whitened innovations with an RMS of about 1. For other estimators, "
+        "residuals are those of the estimate, divided by the noise. Their RMS is below 1 for a "
+        "smoother, because its estimates use the measurement."
     )
 
 

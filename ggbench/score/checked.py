@@ -117,4 +117,6 @@ def _named(old: Card, allowed: Sequence[Choice]) -> str:
             return choose(str(spec)).label
     if any(Path(choice.spec.name).name == Path(spec_written.name).name for choice in allowed):
         raise ScoreError(f"{label} has changed since the card was written: its hash differs")
-    raise ScoreError(f"the card is of the file {label}: give this file with -e to run its code")
+    raise ScoreError(
+        f"the card is of {label}, which is not installed: give its file with -e to run its code"
+    )

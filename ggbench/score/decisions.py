@@ -106,7 +106,7 @@ def instrument(advice: Advice, target_m: float) -> tuple[list[str], bool]:
 
     The target is ``target_m``, the required RMS position error [m]. It is reachable if a
     noise level of the gradiometer exists at which the bound is at most ``target_m``. In a case
-    without a gradiometer, the bound with the present sensors decides.
+    without a gradiometer noise that can be varied, the bound with the present sensors decides.
     """
     sentences = []
     if advice.bound_m <= target_m:

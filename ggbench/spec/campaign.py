@@ -16,8 +16,8 @@ class CampaignSpec(Section):
     """``[campaign]``: defaults of ``ggbench run``."""
 
     runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
-    """Runs per case. All estimators share the random numbers of a run, as do cases with equal
-    `draw.name`.
+    """Runs per case. All estimators, and cases with equal `draw.name`, share the random numbers
+    of a run.
     """
     seed: Annotated[int, Field(ge=0, le=MOST_SEED)] = 1
     """Seed of all runs."""

@@ -30,7 +30,7 @@ class DrawSpec(Section):
     maps: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of map errors. Run r has the map error with index r modulo this number."""
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]*$", max_length=60)] = ""
-    """Part of the seed. Cases with different names have different tracks and random numbers."""
+    """Part of the seed. Cases with equal names, or without one, share tracks and random numbers."""
 
 
 def words_of(name: str) -> tuple[int, ...]:

@@ -81,7 +81,7 @@ class GradiometerSpec(PeriodicSpec):
     filter_treatment: Literal["whitened", "delayed"] = "whitened"
     """Model of the filter in estimators: whitening, or a fixed delay."""
     whitening_regularization: q.Regularization = 1e-2
-    """Whitening: lower limit of the ratio of noise behind the filter to noise before it."""
+    """Smallest ratio of noise behind the filter to noise before it that whitening assumes."""
     noise_behind_filter_eotvos: q.NoiseBehindFilter | None = None
     """RMS of additional white noise of each channel, behind the filter if there is one.
 

@@ -59,7 +59,7 @@ IMU_GRADES: Mapping[str, Preset] = {
 }
 """Inertial sensors by grade, from the worst to the best."""
 
-_SURVEY = "estimated from lines that the map omits (scenarios/data/measured)"
+_SURVEY = "estimated from held-back lines (scenarios/data/measured)"
 GRADIOMETERS: Mapping[str, Preset] = {
     "ftg-2008": Preset(
         {

@@ -274,11 +274,11 @@ def parse(
     grid = document.pop("sweep", None)
     changes = _take_changes(document, "case", origin)
     studies = _take_changes(document, "assumption", origin)
-    if len(changes) * (1 + len(studies)) > MOST_POINTS:
-        each = f" ({len(changes)}, repeated with {len(studies)} assumptions)" if studies else ""
+    count = len(changes) * (1 + len(studies))
+    if count > MOST_POINTS:
+        repeated = f" × (1 + {len(studies)} assumptions) = {count}" if studies else ""
         raise ScenarioError(
-            f"{origin}: has {len(changes) * (1 + len(studies))} cases{each}; at most {MOST_POINTS} "
-            "are allowed"
+            f"{origin}: has {len(changes)} cases{repeated}; at most {MOST_POINTS} are allowed"
         )
     laid_out = None
     if grid is not None:

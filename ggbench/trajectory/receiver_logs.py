@@ -97,8 +97,9 @@ def _nmea(text: str) -> Found:
     if damaged and len(damaged) > _MOST_DAMAGED * (len(fixes) + len(damaged)):
         number, reason = damaged[0]
         raise TrajectoryError(
-            f"{len(damaged)} of {len(fixes) + len(damaged)} GGA sentences cannot be read, the "
-            f"first on line {number} ({reason}); at most {_MOST_DAMAGED:.0%} may be damaged"
+            f"{len(damaged)} of {len(fixes) + len(damaged)} GGA sentences with a fix cannot be "
+            f"read, the first on line {number} ({reason}); at most {_MOST_DAMAGED:.0%} may be "
+            "damaged"
         )
     if not fixes:
         found_only = ", ".join(f"{count} {what}" for what, count in left_out.items())

@@ -111,6 +111,13 @@ def test_a_finding_is_printed_where_its_metrics_support_it(finding):
     assert finding(Metrics(pd.DataFrame([{"case": "x", "estimator": "y"}]))) == ""
 
 
+def test_the_prior_that_is_called_narrow_is_below_a_twentieth_of_a_correlation_length():
+    """As the finding says of the committed suite; the other cases of one flight are wider."""
+    widths = pd.read_csv(REPORTS / SUITE / "data" / "cases.csv").set_index("case")["width"]
+    assert (widths[list(NARROW)] < 0.05).all()
+    assert (widths[["prior-0.3", "prior-1"]] > 0.05).all()
+
+
 def test_the_times_of_the_outage_are_those_of_the_suite():
     """Its metrics are of the settled window, which begins and ends some time after the jamming."""
     case = scenario.load(SUITE).case("gnss-outage")

@@ -269,7 +269,7 @@ BAD_FILES = {
     "10003 cases": (SMALL + CASES, "has 10003 cases; at most 10000 are allowed"),
     "cases times assumptions": (
         SMALL + CASES[: CASES.index('[[case]]\nname = "c4000"')] + STUDIES,
-        r"has 12006 cases \(4002, repeated with 2 assumptions\); at most 10000 are",
+        r"has 4002 cases × \(1 \+ 2 assumptions\) = 12006; at most 10000 are",
     ),
     "10002 grid points": (
         SMALL + axis("height", [1.0 + i for i in range(5001)]),
