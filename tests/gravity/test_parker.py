@@ -334,7 +334,7 @@ def test_a_height_at_which_the_series_is_too_long_is_refused():
     ground = 4000.0 * np.indices((count, count)).sum(axis=0) % 8000.0
     terrain = Terrain(36.0, -84.0, 1e-3, 1e-3, ground, "spikes")
     with pytest.raises(
-        TerrainError, match=r"has an error of .* E after 80 orders; .*Raise the lowest height"
+        TerrainError, match=r"an error of .* E after 80 orders; .*highest ground of .*: raise it"
     ):
         terrain_field(terrain, *at_radians(terrain), [ground.max() + 10.0])
 

@@ -49,7 +49,7 @@ def test_a_card_is_believed_where_it_is_flown_again(folder, monkeypatch):
     assert found["ekf"].card is not None and not found["ekf"].reasons
     assert found["edited"].card is None
     assert found["edited"].reasons[0].startswith("air-narrow: rms_m was")
-    assert "mine.py: give this file with -e" in found["mine"].reasons[0]
+    assert "mine.py, which is not installed: give its file with -e" in found["mine"].reasons[0]
     named = checks(folder, "mine.py")["mine"]
     assert named.card is not None
     (folder / "other").mkdir(exist_ok=True)
