@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
 import traceback
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from ..errors import brief
 from ..figures.numbers import some
+from ..problem import Estimator
 from .foreign_changes import OWN_MODULE, put_back
 
 if TYPE_CHECKING:
-    from ..problem import Estimator, Problem
+    from ..problem import Problem
 
 LONGEST_TEXT = 4000
 """Most characters of an exception, of a traceback, or of the output of a run."""
@@ -34,8 +36,9 @@ def refusal(estimator: Estimator, problem: Problem) -> str:
     """
     replaced: list[str] = []
     own = type(estimator).__module__.startswith(OWN_MODULE)
+    guarded = own and inspect.getattr_static(estimator, "skip") is not Estimator.skip
     try:
-        with put_back(replaced) if own else nullcontext():
+        with put_back(replaced) if guarded else nullcontext():
             reason = estimator.skip(problem)
         if replaced:
             reason = f"its skip replaces {some(replaced)}"

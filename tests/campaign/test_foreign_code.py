@@ -134,11 +134,23 @@ def test_the_rounding_mode_of_the_process_is_restored(reader, tmp_path):
     assert ctypes.CDLL(None).fegetround() == mode
 
 
-def test_a_skip_that_replaces_a_function_is_a_refusal(tmp_path):
+OF_AN_INSTANCE = """
+    def __post_init__(self):
+        object.__setattr__(self, "skip", self.hidden)
+
+    def hidden(self, problem):
+"""
+
+
+@pytest.mark.parametrize("place", ["class", "instance"])
+def test_a_skip_that_replaces_a_function_is_a_refusal(place, tmp_path):
     """The function is put back; control: a skip that replaces nothing refuses nothing."""
-    dumps, file = pickle.dumps, tmp_path / "skipping.py"
+    dumps, file, source = pickle.dumps, tmp_path / "skipping.py", REPLACING
+    if place == "instance":
+        source = source.replace("    def skip(self, problem):\n", OF_AN_INSTANCE)
+        assert source != REPLACING
     for text, reason in (("True", "its skip replaces pickle.dumps"), ("False", "")):
-        file.write_text(REPLACING.replace("SKIPPING = False", f"SKIPPING = {text}"))
+        file.write_text(source.replace("SKIPPING = False", f"SKIPPING = {text}"))
         estimator = registry.choose(str(file)).estimator
         assert refusal(estimator, None) == reason
         assert pickle.dumps is dumps
