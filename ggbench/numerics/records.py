@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import sys
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any, TypeVar, dataclass_transform
 
 from numba import typeof, types
@@ -49,9 +49,7 @@ def record(cls: _Class) -> _Class:
     computed = {
         "_memory": lambda value: held(fields_of(value)),
         # By this name numba asks a value for its type.
-        "_numba_type_": lambda value: RecordType(
-            made, zip(names, map(typeof, fields_of(value)), strict=True)
-        ),
+        "_numba_type_": lambda value: _type_of(made, tuple(map(typeof, fields_of(value)))),
     }
     for name, function in computed.items():
         attribute: Any = cached_property(function)
@@ -60,6 +58,16 @@ def record(cls: _Class) -> _Class:
     # Without what is computed: an address means nothing to another process.
     made.__getstate__ = lambda value: dict(zip(names, fields_of(value), strict=True))
     return made
+
+
+@cache
+def _type_of(made: type, kinds: tuple[Any, ...]) -> RecordType:
+    """Return the type of a record with fields of some types.
+
+    It is cached, because to make its long name takes time, and there are fewer types than records.
+    """
+    names = [field.name for field in dataclasses.fields(made)]
+    return RecordType(made, zip(names, kinds, strict=True))
 
 
 def fields_of(value: Any) -> tuple[Any, ...]:
