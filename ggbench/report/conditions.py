@@ -21,6 +21,7 @@ _NUMBER = re.compile(r"(\D*)(\d[\d.e+-]*)(\D*)")
 _ABBREVIATED = {"gnss": "GNSS", "imu": "IMU", "field": "map"}
 """Names of tables in reports, if they differ from the keys."""
 _IN_SOME = "in some cases: "
+_VARIES = "varies by case"
 
 
 def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
@@ -51,16 +52,18 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
 def _each(cases: Sequence[CaseSpec], text_of: Callable[[CaseSpec], Sequence[str]]) -> str:
     """Summarise the texts of all cases, part by part.
 
-    A few different texts are listed; more are replaced by a range of numbers. The result is "" if
-    no case has a text.
+    A few different texts are listed; more are replaced by a range of numbers. A part that is "" in
+    some cases ends with "or none". The result is "" if no case has a text.
     """
     texts = [text_of(case) for case in cases]
     parts = []
-    for column in itertools.zip_longest(*filter(None, texts), fillvalue=""):
+    for column in itertools.zip_longest(*filter(None, texts)):
         distinct = list(dict.fromkeys(filter(None, column)))
         if distinct:
             few = len(distinct) <= _MOST_VALUES
-            parts.append(" or ".join(distinct) if few else _range_of_texts(distinct))
+            part = " or ".join(distinct) if few else _range_of_texts(distinct)
+            some = "" in column and part != _VARIES
+            parts.append(f"{part} or none" if some else part)
     without = "" if all(texts) else "none or "
     return without + ", ".join(parts) if parts else ""
 
@@ -73,7 +76,7 @@ def _range_of_texts(texts: Sequence[str]) -> str:
     matches = [_NUMBER.fullmatch(text) for text in texts]
     parts = [match.groups() for match in matches if match]
     if len(parts) < len(texts) or len({(before, after) for before, _, after in parts}) > 1:
-        return "varies by case"
+        return _VARIES
     before, _, after = parts[0]
     numbers = sorted((number for _, number, _ in parts), key=float)
     return f"{before}{numbers[0]}–{numbers[-1]}{after}"
@@ -187,7 +190,7 @@ def _model_errors(cases: Sequence[CaseSpec]) -> str:
         words.append(" and ".join(names).replace("_", " ") or "none")
     distinct = [word for word in dict.fromkeys(words) if word != "none"]
     if len(distinct) + ("none" in words) > _MOST_VALUES:
-        return "varies by case"
+        return _VARIES
     if not distinct:
         return ""
     return (_IN_SOME if "none" in words else "") + ", or ".join(distinct)

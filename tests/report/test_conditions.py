@@ -18,6 +18,11 @@ def test_conditions_are_those_of_the_scenario():
     yao = conditions(scenario.load("yao2010s").cases, cases(1)).set_index("condition")["value"]
     assert yao["Initial σ"] == "1000 m (height 1 m), 0.1 m/s, 0.17′ (heading 1′)"
     assert table["Gradiometer"].startswith("0.01 E or 0.001 E, every 1 s or every 5 s")
+    assert table["Gradiometer"].endswith("low-pass 0.2 Hz or none")  # two cases have one
+    filtered = [case for case in loaded.cases if case.gradiometer.filter != "none"]
+    assert 0 < len(filtered) < len(loaded.cases)
+    same = conditions(filtered, cases(len(filtered))).set_index("condition")["value"]
+    assert same["Gradiometer"].endswith("low-pass 0.2 Hz")
     assert table["Flight"] == "1.00 min, 50.0 m/s, height 1000 m"
     assert "Wrongly modelled" not in table  # of none of its cases
 
