@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import flight
+from paper_flights import flight
 
 from ggbench.block import ProblemBlock
 from ggbench.campaign import registry

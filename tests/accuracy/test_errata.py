@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import cross_matrix, difference, mechanization_jacobian, square
 from filterpy.kalman import JulierSigmaPoints
+from frame_oracles import cross_matrix, difference, mechanization_jacobian, square
 from oracles import points
 
 from ggbench.gravity import ellipsoid

@@ -10,7 +10,7 @@ import functools
 
 import numpy as np
 import pytest
-from conftest import mechanization_jacobian
+from frame_oracles import mechanization_jacobian
 from problems import kalman, linear_problem, rng, simulated
 from rough_field import rough_flight
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from campaigns import ran, small
 from command import invoke
-from conftest import metres
+from frame_oracles import metres
 from problems import SMALL
 from small_cases import rough_map, small_flight
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import flight
+from paper_flights import flight
 from problems import (
     CASES,
     SEED,

@@ -8,7 +8,7 @@ import os
 
 import numpy as np
 import pytest
-from conftest import metres
+from frame_oracles import metres
 from scipy.integrate import quad
 from scipy.stats import chi2
 from small_cases import blank_map, rough_map, small_case

@@ -5,7 +5,7 @@ from __future__ import annotations
 import boule
 import numpy as np
 import pytest
-from conftest import difference, ecef, local_axes, metres, square, third_derivatives
+from frame_oracles import difference, ecef, local_axes, metres, square, third_derivatives
 from oracles import points
 from oracles.normal_gravity import closed_form_gravity
 

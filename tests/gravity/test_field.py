@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from conftest import difference, metres, third_derivatives
+from frame_oracles import difference, metres, third_derivatives
 
 from ggbench.gravity.field import (
     Field,

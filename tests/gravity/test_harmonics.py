@@ -8,7 +8,7 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from conftest import local_axes, square
+from frame_oracles import local_axes, square
 from random_harmonics import random_model
 
 from ggbench.gravity import ellipsoid

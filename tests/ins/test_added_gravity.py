@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import difference, metres
 from error_free import closure
+from frame_oracles import difference, metres
 from oracles import dense_model
 from small_cases import rough_map
 

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from conftest import mechanization_jacobian, metres
+from frame_oracles import mechanization_jacobian, metres
 from oracles import dense_model
 from scipy.linalg import block_diag, expm
 from scipy.spatial.transform import Rotation

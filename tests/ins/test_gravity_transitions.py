@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import metres
+from frame_oracles import metres
 from oracles import dense_model, points
 from scipy.linalg import block_diag, expm
 from small_cases import small_flight

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import metres
+from frame_oracles import metres
 from oracles import dense_model
 from scipy.linalg import block_diag, expm
 from scipy.stats import chi2

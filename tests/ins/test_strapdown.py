@@ -5,8 +5,8 @@ from __future__ import annotations
 import boule
 import numpy as np
 import pytest
-from conftest import cross_matrix, difference, ecef, local_axes
 from error_free import closure
+from frame_oracles import cross_matrix, difference, ecef, local_axes
 from oracles import points
 from oracles.normal_gravity import closed_form_gravity
 from scipy.integrate import solve_ivp

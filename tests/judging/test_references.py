@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import flight
+from paper_flights import flight
 from problems import (
     CASES,
     SEED,

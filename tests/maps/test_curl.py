@@ -13,7 +13,7 @@ import functools
 
 import numpy as np
 import pytest
-from conftest import metres, square
+from frame_oracles import metres, square
 
 from ggbench.gravity.ellipsoid import EOTVOS
 from ggbench.gravity.field import Field

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import flight
+from paper_flights import flight
 from recorded_flights import GNSS_ONLY, RUN, SEED, as_solution, edit, edit_rows, recorded, table_of
 from small_cases import GRAVIMETER, ON_BOARD, SEVERAL, rough_map, small_flight
 from thinning import thinned

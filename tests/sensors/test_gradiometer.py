@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from conftest import local_axes, metres, square
+from frame_oracles import local_axes, metres, square
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 

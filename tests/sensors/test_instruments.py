@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import local_axes, square
+from frame_oracles import local_axes, square
 from problems import estimator, propagated
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2

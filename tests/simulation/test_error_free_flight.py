@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import local_axes, metres
+from frame_oracles import local_axes, metres
 from small_cases import ROTATING, small_case, small_flight
 
 from ggbench.errors import GGBenchError

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import flight
+from paper_flights import flight
 from scipy.stats import chi2
 from small_cases import QUIET, small_flight
 from thinning import thinned
