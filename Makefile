@@ -92,14 +92,13 @@ test test-long coverage agreement: export OPENBLAS_NUM_THREADS := 1
 test test-long coverage agreement: export PYTHONDONTWRITEBYTECODE :=
 test test-long coverage agreement: export PYTHONPYCACHEPREFIX := $(CURDIR)/build/bytecode
 
-# A file's tests stay in one process, in their order: what they share is made once. One process more
-# than there are processors, for one or the other waits for what another one compiles; of the long
-# tests two more, for many wait for processes that they start.
+# A file's tests stay in one process, in their order: what they share is made once. Of the long
+# tests two processes more than there are processors, for many wait for processes that they start.
 processes = $(shell $(BIN)/python -c "import os; print(min(os.cpu_count() + $(1), 8))")
 in_parallel = pytest -n $(call processes,$(1)) --dist loadfile --no-loadscope-reorder
 
 test: $(INSTALLED)
-	$(BIN)/python -m $(call in_parallel,1)
+	$(BIN)/python -m $(call in_parallel,0)
 
 test-long: $(INSTALLED)
 	$(BIN)/python -m $(call in_parallel,2) -m long --durations=60 --durations-min=5
@@ -108,7 +107,7 @@ test-all: test test-long
 
 coverage: $(INSTALLED)
 	mkdir -p build/coverage
-	$(BIN)/python -m coverage run -m $(call in_parallel,1)
+	$(BIN)/python -m coverage run -m $(call in_parallel,0)
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report --skip-covered --show-missing
 

@@ -380,7 +380,14 @@ BAD_CALLS = {
 }
 
 
-@pytest.mark.parametrize("name", BAD_CALLS)
+SLOW_CALLS = {"unknown estimator to check"}
+"""Calls that start a process."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.long) if n in SLOW_CALLS else n for n in BAD_CALLS],
+)
 def test_a_bad_call_ends_with_a_sentence(name, scenario, tmp_path, monkeypatch):
     """Nothing is run and nothing is left; the sentence says what was wrong."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))

@@ -184,15 +184,9 @@ def built_until_it_writes(tmp_path, started):
     return process
 
 
-@pytest.mark.parametrize(
-    "number",
-    [
-        signal.SIGTERM,
-        pytest.param(signal.SIGHUP, marks=pytest.mark.long),
-        pytest.param(signal.SIGINT, marks=pytest.mark.long),
-    ],
-)
-@pytest.mark.parametrize("twice", [False, pytest.param(True, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+@pytest.mark.parametrize("twice", [False, True])
 def test_a_request_to_end_removes_what_is_half_written(number, twice, tmp_path, started):
     if signal.getsignal(number) is signal.SIG_IGN:
         pytest.skip("the tests and their processes ignore this signal, as under nohup")

@@ -87,6 +87,7 @@ def _reached(module: str, imports: Imports) -> set[str]:
     return found
 
 
+@pytest.mark.long
 def test_no_modules_of_a_room_import_one_another():
     assert circles(imports_of(ROOT)) == []
 

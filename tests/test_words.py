@@ -225,6 +225,7 @@ def everyday_names(source: str) -> list[str]:
     ]
 
 
+@pytest.mark.long
 def test_local_names_are_nouns_of_the_field():
     """A variable is an innovation, a residual or candidates, and not what was found."""
     package = ROOT / "ggbench"

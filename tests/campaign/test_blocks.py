@@ -116,7 +116,7 @@ def test_a_block_of_long_flights_has_fewer_runs(tmp_path, monkeypatch):
     assert flights.runs_at_once(case) == 32
 
 
-@pytest.mark.parametrize("required", ["", "required_m = 100.0"])
+@thinned("required", ["", "required_m = 100.0"])
 def test_records_of_a_block_are_those_of_single_runs(required, many, tmp_path, monkeypatch):
     """Field by field, the judgement of runs at once is that of each alone, series and detail too.
 
@@ -180,7 +180,7 @@ def test_innovations_that_an_engine_delivers_are_those_of_the_record(many, tmp_p
         ("indefinite", "ValueError: the estimate's cov is not positive definite at epoch 4"),
         ("raise", "ArithmeticError: not this one"),
     ],
-    every=2,
+    every=4,
 )
 def test_a_run_that_fails_in_a_block_fails_alone(way, reason, many, tmp_path):
     """What is wrong with one run is its record; the runs beside it are as if it were not."""

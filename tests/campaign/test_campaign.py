@@ -117,6 +117,7 @@ def whole(tmp_path_factory) -> Results:
     return ran(tmp_path_factory.mktemp("whole"))
 
 
+@pytest.mark.long
 def test_results_do_not_depend_on_the_number_of_processes(whole, tmp_path):
     """The same seed gives the same records and series, in one process or in two."""
     alone, together = whole, ran(tmp_path, "two", jobs=2)

@@ -144,6 +144,7 @@ def test_one_that_takes_nothing_is_no_success(tmp_path):
     assert "refuses all test problems" in error
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("text", "said"),
     [("exec:./no_such_program", "no_such_program"), ("estimates.mat", "cannot read estimates.mat")],

@@ -135,6 +135,7 @@ def test_wrong_arguments_end_with_a_sentence(tmp_path, log, arguments, said):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 def test_interpolated_samples_are_printed_and_reported(tmp_path):
     """With a count and the longest gap."""
     flown = small_flight(GNSS_ONLY)

@@ -156,6 +156,7 @@ def test_a_grid_of_icgem_says_itself_where_it_holds():
     assert "is not a grid in the format of ICGEM" in run(*words, code=2)
 
 
+@pytest.mark.long
 def test_a_terrain_map_says_all_about_itself(monkeypatch):
     """With bounds, heights and spacing of its own; shown, drawn, in its file."""
     output = run(

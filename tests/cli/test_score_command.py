@@ -167,6 +167,7 @@ def test_a_card_runs_no_file_that_it_names(label, tmp_path):
         assert (tmp_path / "ran").exists()
 
 
+@pytest.mark.long
 def test_a_card_of_other_cases_is_no_gate(tmp_path):
     """Exit code 2, before anything is flown; control: a case that is flown is compared."""
     (tmp_path / "card.json").write_text(json.dumps(stated("ekf", "outliers")))

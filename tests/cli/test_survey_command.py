@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from made_surveys import survey
+from thinning import thinned
 
 from ggbench.cli.main import main
 from ggbench.gravity.gradient_map import MapError
@@ -62,8 +63,8 @@ def test_a_map_is_stored_with_its_error_and_the_noise_of_the_readings():
     assert "12 lines of s.csv" in noise["provenance"] and "not repeat" in noise["provenance"]
 
 
-@pytest.mark.parametrize("depth", [200, 800, 3000])
-@pytest.mark.parametrize("limits", [[], ["--lowest", "700"], ["--highest", "300"]])
+@thinned("depth", [200, 800, 3000])
+@thinned("limits", [[], ["--lowest", "700"], ["--highest", "300"]])
 def test_default_bounds_of_lines_at_one_height_always_work(depth, limits):
     """Whatever the depth; as a control, spacings that a user sets too wide are refused."""
     level = survey()
@@ -102,7 +103,7 @@ def marked(lines):
     lines.values[100, 0] = -54321.0
 
 
-@pytest.mark.parametrize("spoil", [turned, exchanged, marked])
+@thinned("spoil", [turned, exchanged, marked])
 def test_a_survey_that_no_field_fits_gets_a_warning(spoil):
     """It names components with both numbers. As a control, the right survey gets none."""
     lines = survey()

@@ -204,6 +204,7 @@ class Filter(Estimator):
 ASKED_EXACTLY = ("exact", "noise", "gaps", "short")
 
 
+@pytest.mark.long
 def test_one_that_loses_digits_passes_with_a_remark(tmp_path):
     """What rounding explains is no mistake: here 1e-6 of the posterior's deviations."""
     estimator = made(tmp_path, SIGMA_POINTS)

@@ -13,6 +13,7 @@ import pytest
 from oracles import multiple_model as oracle
 from oracles.augmented_problem import augmented
 from problems import block_of_runs
+from thinning import thinned
 
 import ggbench as gg
 from ggbench.block import block_of
@@ -55,7 +56,7 @@ def flight(case: str, runs: int = 2, epochs: int = 40):
 
 
 @pytest.mark.parametrize("case", ["air-narrow", "gravity", "outliers"])
-@pytest.mark.parametrize(("iterations", "limit"), [(1, 1e-6), (2, 1e-4)])
+@thinned(("iterations", "limit"), [(1, 1e-6), (2, 1e-4)])
 def test_numpy_gives_the_same_answer(case, iterations, limit):
     """Weights, means and covariances in deviations of the prior; of every kind of hypothesis.
 
@@ -140,7 +141,7 @@ def _assert_plain(block, hypothesis):
         np.testing.assert_array_equal(found.info["map_evaluations"], block.epochs)
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("case", "hypothesis"),
     [
         ("air-narrow", Hypothesis("noise", noise=3.0)),

@@ -10,6 +10,7 @@ import pytest
 from oracles import solver
 from problems import LinearModel, changed, estimator, refusal, rng
 from scipy.stats import chi2
+from thinning import thinned
 
 from ggbench.estimators.correlation import Sequences
 from ggbench.problem import Fixes, Problem, StateBlock
@@ -78,7 +79,7 @@ def fixed(problem: Problem, label: str) -> Fixes:
     return fixes
 
 
-@pytest.mark.parametrize("association", ["nearest", "reciprocal", "likelihood"])
+@thinned("association", ["nearest", "reciprocal", "likelihood"])
 @pytest.mark.parametrize(
     ("differenced", "descending"),
     [

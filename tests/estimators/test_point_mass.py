@@ -108,6 +108,7 @@ def test_log_evidence_of_particles_is_the_grids(count):
     assert filtering.estimate(wrong, rng()).info["log_evidence"] < grid - 10.0
 
 
+@pytest.mark.long
 def test_a_filter_that_is_told_another_noise_is_seen():
     """The comparison above is not blind: three times the noise moves the mean beyond its limits."""
     grid, problem = truth(10.0), two_states(10.0)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from problems import SMALL, estimator
+from thinning import thinned
 
 import ggbench as gg
 from ggbench.api import exchange
@@ -201,7 +202,7 @@ def test_estimates_of_two_seeds_are_refused(folder, tmp_path):
         gg.judge_estimates(tmp_path)
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("change", "words"),
     [
         (lambda mean: -mean, "with opposite sign"),

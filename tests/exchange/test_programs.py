@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from command import invoke
 from problems import SMALL
+from thinning import thinned
 
 import ggbench as gg
 
@@ -42,7 +43,7 @@ def reason_of(folder: Path, text: str, **options: object) -> str:
     return flown(folder, program(folder, text), "ins", **options).failures()["reason"].iloc[0]
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("text", "sentence"),
     [
         ("echo no licence >&2; exit 3", "ended with exit code 3: no licence"),

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from thinning import thinned
 
 from ggbench.figures import answer, interactive
 from ggbench.figures.answer import Curve, Panel
@@ -45,7 +46,7 @@ def values(share: np.ndarray, scale: dict) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("series", "label"), list(enumerate(FAMILIES)))
-@pytest.mark.parametrize("panel", [0, 1])
+@thinned("panel", [0, 1])
 def test_values_can_be_read_from_the_picture(series, label, panel):
     """Position and velocity over time, within the thickness of a line."""
     picture = over_time()

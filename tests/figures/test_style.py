@@ -82,6 +82,7 @@ def gradient() -> Figure:
     return gradient_along_track(arrays, "a price in $ and $")
 
 
+@pytest.mark.long
 def test_the_users_settings_have_no_say(tmp_path):
     """A figure has the same bytes under other settings, at its making and at its drawing."""
     save(gradient(), tmp_path / "plain.png")

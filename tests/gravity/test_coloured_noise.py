@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from small_noise import NOISE
+from thinning import thinned
 
 from ggbench.gravity.coloured_noise import (
     ColouredNoiseError,
@@ -107,7 +108,7 @@ def least_squares(rows: np.ndarray, cov: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.solve(rows.T @ weighted, weighted.T))
 
 
-@pytest.mark.parametrize("every", [20, 10, 4, 2])
+@thinned("every", [20, 10, 4, 2])
 @pytest.mark.parametrize(
     ("noise", "within"),
     [(NOISE, 0.0075), (VINTON, 0.0075), (LONG_MEMORY, 1e-9)],

@@ -7,6 +7,8 @@ import os
 import socket
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -145,12 +147,33 @@ def test_a_raster_leads_to_no_other_file(suffix, tmp_path):
 
 @pytest.fixture
 def listener(monkeypatch):
-    """A socket without a connection, and its address; GDAL waits a second for an answer."""
+    """A socket without a connection, and its address."""
     monkeypatch.setenv("GDAL_HTTP_TIMEOUT", "1")
     monkeypatch.setenv("GDAL_HTTP_CONNECTTIMEOUT", "1")
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.setblocking(False)
         yield server, f"http://127.0.0.1:{server.getsockname()[1]}/x.tif"
+
+
+@contextlib.contextmanager
+def connections(server: socket.socket) -> Iterator[threading.Event]:
+    """Set an event at each connection. A thread closes it at once, so that GDAL does not wait."""
+    arrived, ended = threading.Event(), threading.Event()
+
+    def close() -> None:
+        while not ended.is_set():
+            with contextlib.suppress(TimeoutError):
+                server.accept()[0].close()
+                arrived.set()
+
+    server.settimeout(0.1)
+    thread = threading.Thread(target=close)
+    thread.start()
+    try:
+        yield arrived
+    finally:
+        ended.set()
+        thread.join()
 
 
 @pytest.mark.parametrize("name", ["a.tif", "a.asc", "a.grd"])
@@ -163,9 +186,10 @@ def test_a_raster_leads_not_into_the_network(name, tmp_path, listener):
     with pytest.raises(BlockingIOError):
         server.accept()
     if name == "a.tif":
-        with pytest.raises(rasterio.RasterioIOError), rasterio.open(tmp_path / name) as data:
-            data.read(1)
-        server.accept()[0].close()
+        with connections(server) as arrived:
+            with pytest.raises(rasterio.RasterioIOError), rasterio.open(tmp_path / name) as data:
+                data.read(1)
+            assert arrived.wait(10.0)
 
 
 def test_a_mask_file_leads_not_into_the_network(tmp_path, listener):
@@ -180,9 +204,10 @@ def test_a_mask_file_leads_not_into_the_network(tmp_path, listener):
         read_terrain(path)
     with pytest.raises(BlockingIOError):
         server.accept()
-    with contextlib.suppress(rasterio.RasterioIOError), rasterio.open(path) as data:
-        data.read_masks(1)
-    server.accept()[0].close()
+    with connections(server) as arrived:
+        with contextlib.suppress(rasterio.RasterioIOError), rasterio.open(path) as data:
+            data.read_masks(1)
+        assert arrived.wait(10.0)
 
 
 def test_an_ascii_grid_by_its_suffix(tmp_path):

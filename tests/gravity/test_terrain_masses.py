@@ -212,6 +212,7 @@ def test_bodies_of_revolution_have_their_field_on_the_axis(body):
     assert tensor[:, 0] == pytest.approx(-0.5 * expected[:, 0], rel=5e-3)
 
 
+@pytest.mark.long
 def test_a_sea_lacks_mass_against_rock():
     heights = np.full((40, 40), 60.0)
     heights[10:30, 5:30] = -400.0

@@ -7,6 +7,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from thinning import thinned
 
 from ggbench.judging.bootstrap import (
     FEWEST_OF_INTERVAL,
@@ -80,7 +81,7 @@ def coverage(law: str, runs: int, count: int) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.long)])
-@pytest.mark.parametrize("runs", [30, 60, 200])
+@thinned("runs", [30, 60, 200])
 @pytest.mark.parametrize(
     ("law", "least"),
     [("chi-square", 0.93), ("log-normal", 0.91), ("exponential²", 0.89), ("log-normal 1.5", 0.84)],

@@ -261,7 +261,7 @@ def test_an_excess_is_students_and_welchs(runs):
 
 @each_law
 @pytest.mark.parametrize("campaigns", [250, pytest.param(2000, marks=pytest.mark.long)])
-@pytest.mark.parametrize("paired", [True, False])
+@thinned("paired", [True, False])
 def test_false_alarms_of_an_excess(law, paired, campaigns):
     """An MRSE that grew by the threshold is called worse in 5 % of campaigns of 30 at most.
 

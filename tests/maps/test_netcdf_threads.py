@@ -58,6 +58,7 @@ def copied(source, copy, *options):
     )
 
 
+@pytest.mark.long
 def test_a_map_is_copied_while_it_is_read(source, tmp_path):
     copy = tmp_path / "copy.nc"
     done = copied(source, copy)

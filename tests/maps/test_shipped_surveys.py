@@ -8,6 +8,7 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from thinning import thinned
 
 from ggbench.gravity.field import Field
 from ggbench.gravity.gradient_map import MapError
@@ -138,7 +139,7 @@ def test_the_profile_predicts_passes_that_it_does_not_know():
     assert (gravity[3] - gravity[0]).std() > 3.0
 
 
-@pytest.mark.parametrize("name", GRADIENTS)
+@thinned("name", GRADIENTS)
 def test_the_noise_is_of_the_components_that_were_measured(name):
     noise = json.loads((DATA / f"{name}_noise.json").read_text())
     lines = read_lines(DATA / f"{name}.csv.gz")

@@ -89,6 +89,7 @@ def vinton(day):
     return found.sources.masses, map_error(found), noise_of(found)
 
 
+@pytest.mark.long
 def test_nothing_of_the_day_of_the_repeats_enters_the_map_or_its_noise():
     """To the bit. As a control, a day of the map changes both."""
     (masses, errors, noise), again, other = map(vinton, ("none", "2008-07-06", "2008-07-05"))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from recorded_flights import edit, edit_rows, recorded
 from small_cases import rough_map
+from thinning import thinned
 
 from ggbench.api import problems
 from ggbench.campaign import registry
@@ -47,7 +48,7 @@ def spoil(path, turn=CONVENTIONS[0], factor=1.0, change=lambda values: values):
 
 
 @pytest.mark.parametrize("turn", range(len(CONVENTIONS)))
-@pytest.mark.parametrize("factor", [1.0, 1e-9])
+@thinned("factor", [1.0, 1e-9])
 def test_axes_and_unit_are_named(turn, factor, log):
     """Each of the eight, in Eötvös and in s⁻²; as a control, nothing is named of ours."""
     found = gradient_convention(spoil(log, CONVENTIONS[turn], factor))

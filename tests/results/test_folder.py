@@ -413,6 +413,7 @@ def test_a_path_that_is_no_utf8_is_quoted_for_a_shell():
     assert (as_argument("a b"), as_argument("-x")) == ("'a b'", "./-x")
 
 
+@pytest.mark.long
 def test_a_scenario_in_a_folder_that_is_no_utf8_is_run_and_reported(tmp_path):
     """All tables are written, with the command that repeats a run."""
     folder = tmp_path / os.fsdecode(b"r\xe9s")

@@ -9,6 +9,7 @@ import pytest
 from oracles.rotating_disk import reading_times, signal
 from scipy.stats import chi2
 from small_cases import ROTATING, small_flight
+from thinning import thinned
 
 from ggbench.sensors.gradiometer.instrument import channel
 from ggbench.sensors.gradiometer.rotating import (
@@ -143,7 +144,7 @@ def test_vibration_in_step_passes_through_a_mismatch():
     assert 10.0 < np.abs(both).max() < 1e4
 
 
-@pytest.mark.parametrize("name", ["scale_factor", "baseline"])
+@thinned("name", ["scale_factor", "baseline"])
 def test_imperfections_are_drawn_anew_with_the_stated_size(name):
     """400 draws of one disk: relative errors are N(0, σ²); false-alarm probability 1e-3."""
     disks = SpinningDisks(RotatingGradiometer(0.3, 0.5, 2.0), ("z",), **{name: 1e-4})

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from problems import SMALL
 from scenario_files import load_and_fly, small
+from thinning import thinned
 
 from ggbench.errors import GGBenchError
 from ggbench.spec import scenario
@@ -314,7 +315,7 @@ WITHOUT_MEASURE = {
 
 
 @pytest.mark.parametrize("kind", WITHOUT_MEASURE)
-@pytest.mark.parametrize("read", [scenario.load, lambda file: load_flight(Path(file))])
+@thinned("read", [scenario.load, lambda file: load_flight(Path(file))])
 def test_toml_without_measure_is_refused(read, kind, tmp_path):
     """Of a scenario and of a recorded flight."""
     text, message = WITHOUT_MEASURE[kind]

@@ -19,6 +19,7 @@ from receiver_tracks import (
     pos,
     with_namespaces,
 )
+from thinning import thinned
 
 from ggbench.cli.main import main
 from ggbench.maps.geoid import geoid_heights
@@ -85,7 +86,7 @@ def test_dates_are_those_of_iso_8601():
     np.testing.assert_allclose(iso_seconds(texts), expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", [*EXACT, "KML"])
+@thinned("name", [*EXACT, "KML"])
 def test_damaged_files_have_a_sentence(name, tmp_path):
     """Of 100 mutations with a fixed seed, each is read or refused; none raises another error."""
     rng = np.random.default_rng(41)
