@@ -27,7 +27,7 @@ from small_cases import blank_map
 from ggbench.cli.tables import write_csv
 from ggbench.errors import GGBenchError
 from ggbench.figures.style import save
-from ggbench.files import written_whole
+from ggbench.files.writing import written_whole
 from ggbench.maps import netcdf
 from ggbench.recorded.columns import write_text
 from ggbench.report import html_page

@@ -16,7 +16,6 @@ ROOT = Path(__file__).parents[1]
 FLOORS = (
     ("errors", "estimator_spec", "parameters"),
     ("files", "numerics"),
-    ("archives", "netcdf_files"),
     ("gravity", "problem"),
     ("ins", "maps", "sensors"),
     ("adapters", "trajectory", "block", "reduced"),

@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from ggbench.errors import GGBenchError
-from ggbench.files import written_whole
+from ggbench.files.writing import written_whole
 
 from . import page
 from .packages import FRAMEWORKS, Framework

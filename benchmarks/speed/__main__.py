@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from ggbench.errors import GGBenchError
-from ggbench.files import written_whole
+from ggbench.files.writing import written_whole
 
 from . import check, export, machine, page, problem_file, roster, rounds, streams
 from .rounds import Entry, Measured

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from ..errors import GGBenchError
-from ..files import end_if_asked, out_of_space, reason_of
+from ..files.writing import end_if_asked, out_of_space, reason_of
 from .interrupts import requests_to_end
 
 EXIT_BAD_INPUT = 2

@@ -12,7 +12,7 @@ import sys
 import threading
 from collections.abc import Iterator
 
-from ..files import asked_to_end, remove_temporary
+from ..files.writing import asked_to_end, remove_temporary
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _SHOW_CURSOR = b"\x1b[?25h"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from ..files import reason_of
+from ..files.writing import reason_of
 from .draped_flight import NewFileError, draped_flight, quoted
 from .vehicles import VEHICLES, clearance_of, imu_table
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import GGBenchError
-from ..files import written_whole
+from ..files.writing import written_whole
 from ..results.csv_cells import csv_text
 
 if TYPE_CHECKING:

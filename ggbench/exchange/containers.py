@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import GGBenchError, text_of
-from ..files import written_whole
-from ..netcdf_files import NETCDF_LOCK, netcdf_file, new_netcdf_file
+from ..files.netcdf import NETCDF_LOCK, netcdf_file, new_netcdf_file
+from ..files.writing import written_whole
 
 Content = Mapping[str, np.ndarray | str]
 """Arrays of floats, and texts, by name."""

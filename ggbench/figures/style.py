@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from ..errors import GGBenchError
-from ..files import written_whole
+from ..files.writing import written_whole
 
 INS, BOUND = "0.55", "black"
 """Colours of the INS and the bound."""

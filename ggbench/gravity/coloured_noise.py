@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import GGBenchError
-from ..files import written_whole
+from ..files.writing import written_whole
 from ..numerics.frozen import freeze_arrays, frozen
 
 FORMAT = "ggbench coloured noise 1"

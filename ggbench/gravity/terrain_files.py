@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..archives import read_arrays
 from ..errors import text_of
-from ..netcdf_files import netcdf_file
+from ..files.archives import read_arrays
+from ..files.netcdf import netcdf_file
 from .datums import require_wgs84
 from .meridians import Area
 from .rasters import read_raster

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import end_if_asked
+from ..files.writing import end_if_asked
 from .ellipsoid import EOTVOS, radii_of_curvature
 from .meridians import turns
 from .parker import BORDER, GRAVITATIONAL_CONSTANT, TerrainOptions, density_layers

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from ..archives import MOST_ARRAYS, read_arrays
 from ..errors import text_of
+from ..files.archives import MOST_ARRAYS, read_arrays
+from ..files.netcdf import netcdf_file
 from ..gravity.datums import require_wgs84
 from ..gravity.gradient_map import MapError
 from ..gravity.meridians import Area, turns
@@ -25,7 +26,6 @@ from ..gravity.remove_restore import GravityGrid, linear_weights
 from ..gravity.terrain import TerrainError
 from ..gravity.units import GEOID, GRAVITY, Units, unit_of
 from ..gravity.voids import marks_removed
-from ..netcdf_files import netcdf_file
 from .icgem_grid import ReadGrid, read_icgem
 
 if TYPE_CHECKING:

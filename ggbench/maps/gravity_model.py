@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..archives import from_tar, from_zip, gunzipped, read_arrays
 from ..errors import text_of
-from ..files import content_of
+from ..files.archives import from_tar, from_zip, gunzipped, read_arrays
+from ..files.writing import content_of
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients
 from .gravity_epoch import static

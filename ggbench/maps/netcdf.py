@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import end_if_asked, written_whole
+from ..files.netcdf import NETCDF_LOCK, new_netcdf_file
+from ..files.writing import end_if_asked, written_whole
 from ..gravity.ellipsoid import FLATTENING, SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError, unknown
-from ..netcdf_files import NETCDF_LOCK, new_netcdf_file
 from ..numerics.source import VERSION
 
 Array = NDArray[np.floating]

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import text_of
+from ..files.netcdf import netcdf_file
 from ..gravity.gradient_map import GradientMap, MapError, unknown
 from ..gravity.meridians import Area
-from ..netcdf_files import netcdf_file
 from . import checks
 from .netcdf import (
     AXES,

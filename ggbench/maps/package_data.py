@@ -5,8 +5,8 @@ from __future__ import annotations
 import importlib.resources
 from typing import Any
 
-from ..archives import read_arrays
 from ..errors import text_of
+from ..files.archives import read_arrays
 from ..gravity.gradient_map import MapError
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ..archives import gunzipped
 from ..errors import text_of
-from ..files import content_of
+from ..files.archives import gunzipped
+from ..files.writing import content_of
 from ..gravity.coordinate_names import (
     contradiction_of_axis,
     names_axes_down,

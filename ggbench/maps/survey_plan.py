@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import sha256_of
+from ..files.writing import sha256_of
 from ..gravity.gradient_map import MapError
 from ..numerics.source import VERSION
 from .netcdf import described

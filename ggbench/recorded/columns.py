@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from ..archives import MOST_ARRAYS
 from ..errors import GGBenchError
-from ..files import written_whole
+from ..files.archives import MOST_ARRAYS
+from ..files.netcdf import netcdf_file
+from ..files.writing import written_whole
 from ..gravity.coordinate_names import contradiction_of_axis, zero_level
 from ..gravity.unit_names import factor_to_key
-from ..netcdf_files import netcdf_file
 from ..spec.flight import FlightError
 from ..trajectory.column_names import (
     PRESETS,

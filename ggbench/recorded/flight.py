@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import GGBenchError
-from ..files import sha256_of
+from ..files.writing import sha256_of
 from ..gravity.field import Field, OutsideMapError
 from ..gravity.meridians import turns
 from ..ins.error_model import navigation_errors

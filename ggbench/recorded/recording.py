@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from ..files import reason_of, written_together
+from ..files.writing import reason_of, written_together
 from ..sensors.aiding import corrected_positions
 from ..sensors.gnss import Gnss
 from ..simulation.error_free_flight import Flight

@@ -12,7 +12,7 @@ import numpy as np
 from ..figures import errors, flights
 from ..figures.numbers import counted, short, span
 from ..figures.style import Drawing, save
-from ..files import reason_of, written_together
+from ..files.writing import reason_of, written_together
 from ..judging.judgement import epochs_outside
 from ..problem import Estimate, Problem
 from ..recorded import columns as files

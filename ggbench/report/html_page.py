@@ -16,7 +16,7 @@ import pandas as pd
 
 from ..errors import brief
 from ..figures import interactive
-from ..files import written_whole
+from ..files.writing import written_whole
 from . import columns, libraries, page_templates, pictures, sweeps, views
 from .answers import answer
 from .columns import Column

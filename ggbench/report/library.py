@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from ..errors import GGBenchError
-from ..files import reason_of
+from ..files.writing import reason_of
 from ..judging.standing import standing
 from ..results import digest
 from ..results.digest import Digest

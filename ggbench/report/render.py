@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from ..errors import GGBenchError
-from ..files import reason_of, written_together
+from ..files.writing import reason_of, written_together
 from ..results import digest
 from . import columns, html_page, libraries, links, markdown_page, pictures
 from .page_templates import markdown

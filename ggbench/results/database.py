@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from pydantic_core import from_json
 
-from ..archives import read_arrays
 from ..errors import GGBenchError, text_of
+from ..files.archives import read_arrays
 from .columns import BLANK, COLUMNS, FIX_COLUMNS, NAMES, SCHEMA, TABLED, Column
 from .formats import flaw_of_arrays
 

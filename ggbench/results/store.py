@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import text_of
-from ..files import reason_of
+from ..files.writing import reason_of
 from .database import APPLICATION_ID, Database, StoreError
 from .formats import flaw_of_manifest
 

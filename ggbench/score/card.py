@@ -19,7 +19,7 @@ from pydantic import (
 from pydantic_core import from_json
 
 from ..errors import line_of, text_of
-from ..files import content_of, written_whole
+from ..files.writing import content_of, written_whole
 from ..spec.limits import MOST_RUNS, MOST_SEED
 from .stored_runs import ScoreError
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ..errors import line_of
-from ..files import written_whole
+from ..files.writing import written_whole
 from ..report import html_page
 from .card import VERDICTS, Card, Opponent, Question
 from .checked import CheckedCard

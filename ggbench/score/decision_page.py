@@ -11,7 +11,7 @@ import pandas as pd
 
 from ..figures.planned import planned_tracks
 from ..figures.style import Drawing, save
-from ..files import written_whole
+from ..files.writing import written_whole
 from ..report.page_templates import html
 from ..simulation.field_source import beside, make_field
 from ..simulation.true_motion import trajectory_of

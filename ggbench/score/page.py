@@ -14,7 +14,7 @@ from ..estimator_spec import shown_names
 from ..figures.card import scorecard
 from ..figures.numbers import counted, some
 from ..figures.style import Drawing, save
-from ..files import written_whole
+from ..files.writing import written_whole
 from ..report import columns, tables
 from ..report.page_templates import html, markdown
 from .card import VERDICTS, Card, Opponent, Question

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..archives import read_arrays
 from ..errors import GGBenchError, text_of
-from ..files import written_whole
+from ..files.archives import read_arrays
+from ..files.writing import written_whole
 from ..judging.run_errors import WINDOWS
 from ..results.folder import RUN_COLUMNS, Results
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import sha256_of
+from ..files.writing import sha256_of
 from ..gravity.degraded_map import MapDegradation, degrade
 from ..gravity.field import Field
 from ..gravity.gradient_map import GradientMap, MapError

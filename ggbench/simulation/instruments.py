@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import GGBenchError
-from ..files import sha256_of
+from ..files.writing import sha256_of
 from ..gravity.coloured_noise import ColouredNoiseError, VectorAutoregression, read_noise
 from ..gravity.ellipsoid import EOTVOS
 from ..ins.imu import Imu, SensorErrors

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..files import sha256_of
+from ..files.writing import sha256_of
 from ..trajectory.manoeuvres import Manoeuvre, State, TrajectoryError, plan
 from ..trajectory.terrain_following import TerrainFollowing, terrain_path
 from . import quantities as q

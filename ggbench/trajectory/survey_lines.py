@@ -21,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..archives import gunzipped
-from ..files import content_of
+from ..files.archives import gunzipped
+from ..files.writing import content_of
 from ..maps.survey_lines import DISTURBANCE, zero_rows
 from ..sensors.gradiometer.instrument import COMPONENTS, DIFFERENCES
 from .csv_text import CsvText, status_of

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import reason_of
+from ..files.writing import reason_of
 from .manoeuvres import Array, TrajectoryError
 from .track_file import parse
 from .track_formats import gpx_document, kml_root, recognised

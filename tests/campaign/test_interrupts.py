@@ -22,7 +22,7 @@ from problems import SMALL
 from ggbench.campaign import execution, worker
 from ggbench.cli.commands import Commands
 from ggbench.cli.interrupts import requests_to_end
-from ggbench.files import asked_to_end, written_together
+from ggbench.files.writing import asked_to_end, written_together
 
 STUBBORN = """
 import pathlib, time

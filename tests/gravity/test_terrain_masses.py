@@ -19,7 +19,7 @@ from choclo.prism import (
 from numba import njit
 from terrain_fields import rough_terrain, terrain_field
 
-from ggbench import files
+from ggbench.files import writing
 from ggbench.gravity.ellipsoid import EOTVOS, radii_of_curvature
 from ggbench.gravity.parker import GRAVITATIONAL_CONSTANT, TerrainOptions
 from ggbench.gravity.terrain import Terrain, TerrainError
@@ -301,8 +301,8 @@ def test_a_turn_of_longitude_and_the_geoid_change_nothing_else():
 def test_a_process_that_is_asked_to_end_does_not_finish_a_layer(monkeypatch):
     masses = TerrainMasses.of(rough_terrain(32, 500.0))
     points = points_above(masses, 4, 100.0, 300.0)
-    monkeypatch.setattr(files, "asked_to_end", threading.Event())
+    monkeypatch.setattr(writing, "asked_to_end", threading.Event())
     masses.field(points, 2.0)
-    files.asked_to_end.set()
+    writing.asked_to_end.set()
     with pytest.raises(KeyboardInterrupt):
         masses.field(points, 2.0)

@@ -14,7 +14,7 @@ from ggbench.maps import netcdf, netcdf_reader
 COPY = """
 import contextlib, sys
 from pathlib import Path
-from ggbench import netcdf_files
+from ggbench.files import netcdf as netcdf_files
 if "unlocked" in sys.argv:
     netcdf_files.NETCDF_LOCK = contextlib.nullcontext()
 from ggbench.maps import netcdf, netcdf_reader

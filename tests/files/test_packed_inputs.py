@@ -14,8 +14,8 @@ import netCDF4
 import numpy as np
 import pytest
 
-from ggbench import archives
 from ggbench.errors import GGBenchError
+from ggbench.files import archives
 from ggbench.gravity.terrain_files import read_terrain
 from ggbench.maps import gravity_grid, survey_files
 from ggbench.maps.gravity_model import read_model

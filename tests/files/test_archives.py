@@ -16,8 +16,8 @@ import pytest
 from random_harmonics import write_gfc
 from refusals import refused
 
-from ggbench import archives
 from ggbench.errors import GGBenchError
+from ggbench.files import archives
 from ggbench.gravity.terrain_files import read_terrain
 from ggbench.maps import survey_files
 from ggbench.maps.gravity_grid import read_grid

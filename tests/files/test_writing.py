@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from ggbench.errors import GGBenchError
-from ggbench.files import asked_to_end, written_whole
+from ggbench.files.writing import asked_to_end, written_whole
 
 
 def test_a_file_takes_its_place_when_it_is_whole(tmp_path):

@@ -19,8 +19,8 @@ from typing import IO, Any
 
 import numpy as np
 
-from .errors import GGBenchError, line_of, reported
-from .files import MOST_TEXT
+from ..errors import GGBenchError, line_of, reported
+from .writing import MOST_TEXT
 
 MOST_ARRAYS = 1_000_000_000
 """Largest unpacked size of the arrays in a file [bytes]."""

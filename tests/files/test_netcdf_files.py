@@ -12,10 +12,10 @@ import pytest
 
 from ggbench.errors import GGBenchError
 from ggbench.exchange import containers
+from ggbench.files.netcdf import require_own_values
 from ggbench.gravity.terrain_files import read_terrain
 from ggbench.maps.gravity_grid import read_grid
 from ggbench.maps.recipe import read as read_map
-from ggbench.netcdf_files import require_own_values
 from ggbench.recorded import columns
 
 AXES = {"lat": 45.0 + 0.1 * np.arange(20), "lon": 7.0 + 0.1 * np.arange(24)}
@@ -134,7 +134,7 @@ def test_every_reader_refuses_a_bad_file_alike(kind, reader, tmp_path):
 
 def test_a_file_of_too_many_groups_is_refused(tmp_path, monkeypatch):
     path = write(tmp_path / "a.nc", "storage")
-    monkeypatch.setattr("ggbench.netcdf_files._MOST_HEAPS", 0)
+    monkeypatch.setattr("ggbench.files.netcdf._MOST_HEAPS", 0)
     with pytest.raises(GGBenchError, match=r"cannot read It: its \d+ groups are too many"):
         require_own_values(path, GGBenchError, "It")
 

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-from .errors import GGBenchError, line_of
+from ..errors import GGBenchError, line_of
 
 _NO_SPACE = {
     errno.ENOSPC: "no space left on the disk",

@@ -22,8 +22,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
-from .errors import GGBenchError, reported, text_of
-from .files import reason_of
+from ..errors import GGBenchError, reported, text_of
+from .writing import reason_of
 
 NETCDF_LOCK = threading.RLock()
 """Held while a thread opens, reads, writes or closes any netCDF file."""
