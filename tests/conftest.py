@@ -1,7 +1,6 @@
 """Fixtures of several rooms, and the order of the tests.
 
-The process that distributes the tests loads this file, too. Fixtures therefore import what they
-need themselves.
+The controller of pytest-xdist loads this file, too. Fixtures therefore import their own modules.
 """
 
 from __future__ import annotations

@@ -112,7 +112,7 @@ def test_a_finding_is_printed_where_its_metrics_support_it(finding):
 
 
 def test_the_prior_that_is_called_narrow_is_below_a_twentieth_of_a_correlation_length():
-    """As the finding says of the committed suite; the other cases of one flight are wider."""
+    """The widths of the committed suite; the other cases of one flight are wider."""
     widths = pd.read_csv(REPORTS / SUITE / "data" / "cases.csv").set_index("case")["width"]
     assert (widths[list(NARROW)] < 0.05).all()
     assert (widths[["prior-0.3", "prior-1"]] > 0.05).all()
